@@ -1,0 +1,119 @@
+"""Scenes: triangles to look at, with colours and a mask of transparent faces."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from . import _core
+
+__all__ = ["Scene"]
+
+
+class Scene:
+    """A triangle mesh, checked once and owned by the kernels.
+
+    Parameters
+    ----------
+    vertices : (V, 3) array_like of float
+        Positions in any unit. Float64 is kept, relative to the centre of the bounds.
+    faces : (F, 3) array_like of int
+        Vertex indices of each triangle; their order is kept in every answer.
+    colors : (V, 3) or (F, 3) array_like of uint8, optional
+        A colour for each vertex or each face (where V equals F: for each vertex).
+    transparent : (F,) array_like of bool, optional
+        Faces that hide nothing and are always answered as visible.
+
+    Raises
+    ------
+    ValueError
+        If a vertex is not finite, a face names a vertex that is not there, the mesh is empty, no face has an area,
+        or colours or mask do not fit. The message names the array, the index and the value.
+
+    Examples
+    --------
+    >>> scene = Scene([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+    >>> scene.radius
+    0.707...
+    """
+
+    def __init__(
+        self,
+        vertices: npt.ArrayLike,
+        faces: npt.ArrayLike,
+        colors: npt.ArrayLike | None = None,
+        *,
+        transparent: npt.ArrayLike | None = None,
+    ) -> None:
+        self.vertices = _vertices(vertices)
+        self.faces = _faces(faces, len(self.vertices))
+        self.colors = None if colors is None else _colors(colors, len(self.vertices), len(self.faces))
+        self.transparent = None if transparent is None else _mask(transparent, len(self.faces))
+        self._mesh = _core.Mesh(np.asarray(self.vertices, dtype=np.float64, order="C"), self.faces)
+
+    def __len__(self) -> int:
+        """Number of faces."""
+        return len(self.faces)
+
+    def __repr__(self) -> str:
+        return f"<Scene: {len(self.vertices):,} vertices, {len(self.faces):,} faces>"
+
+    @cached_property
+    def bounds(self) -> npt.NDArray[np.float64]:
+        """(2, 3) lowest and highest coordinates."""
+        return np.stack([self.vertices.min(axis=0), self.vertices.max(axis=0)]).astype(np.float64)
+
+    @cached_property
+    def center(self) -> npt.NDArray[np.float64]:
+        """(3,) centre of the bounds."""
+        low, high = self.bounds
+        return low * 0.5 + high * 0.5
+
+    @cached_property
+    def radius(self) -> float:
+        """Distance of the farthest vertex from the centre."""
+        return float(np.sqrt(((self.vertices - self.center) ** 2).sum(axis=1).max()))
+
+
+def _vertices(vertices: npt.ArrayLike) -> npt.NDArray[np.floating]:
+    array = np.asarray(vertices)
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise ValueError(f"vertices must have shape (V, 3), got {array.shape}")
+    if array.dtype not in (np.float32, np.float64):
+        try:
+            array = array.astype(np.float64)
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"vertices must be numbers, got dtype {array.dtype}") from error
+    return np.ascontiguousarray(array)
+
+
+def _faces(faces: npt.ArrayLike, vertex_count: int) -> npt.NDArray[np.uint32]:
+    array = np.asarray(faces)
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise ValueError(f"faces must have shape (F, 3), got {array.shape}")
+    if len(array) == 0:
+        return np.empty((0, 3), dtype=np.uint32)
+    if array.dtype.kind not in "iu":
+        raise ValueError(f"faces must be integers, got dtype {array.dtype}")
+    if array.min() < 0 or array.max() >= vertex_count:
+        face = int(np.flatnonzero(((array < 0) | (array >= vertex_count)).any(axis=1))[0])
+        raise ValueError(f"faces[{face}] is {array[face].tolist()}, but the mesh has {vertex_count} vertices")
+    return np.ascontiguousarray(array, dtype=np.uint32)
+
+
+def _colors(colors: npt.ArrayLike, vertex_count: int, face_count: int) -> npt.NDArray[np.uint8]:
+    array = np.asarray(colors)
+    if array.ndim != 2 or array.shape[1] != 3 or array.dtype != np.uint8:
+        raise ValueError(f"colors must be (V, 3) or (F, 3) uint8, got {array.shape} {array.dtype}")
+    if len(array) not in (vertex_count, face_count):
+        raise ValueError(f"colors has {len(array)} rows, the scene {vertex_count} vertices and {face_count} faces")
+    return np.ascontiguousarray(array)
+
+
+def _mask(mask: npt.ArrayLike, face_count: int) -> npt.NDArray[np.bool_]:
+    array = np.asarray(mask)
+    if array.shape != (face_count,) or array.dtype != np.bool_:
+        raise ValueError(f"transparent must be ({face_count},) bool, got {array.shape} {array.dtype}")
+    return np.ascontiguousarray(array)
