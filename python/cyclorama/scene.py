@@ -69,7 +69,7 @@ class Scene:
     def center(self) -> npt.NDArray[np.float64]:
         """(3,) centre of the bounds."""
         low, high = self.bounds
-        return low * 0.5 + high * 0.5
+        return np.asarray(low * 0.5 + high * 0.5)
 
     @cached_property
     def radius(self) -> float:
