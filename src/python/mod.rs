@@ -1,6 +1,7 @@
 //! The Python binding: one file per domain; each converts, validates, releases the GIL, calls.
 
 mod arrays;
+mod bitfield;
 mod errors;
 mod interrupt;
 mod render;
@@ -9,5 +10,6 @@ use pyo3::prelude::*;
 
 #[pymodule]
 fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
+    bitfield::register(m)?;
     render::register(m)
 }
