@@ -1,0 +1,63 @@
+# make demo | test | bench | lint: each works as the only command after a clone, given Rust and Python 3.11 or newer.
+# Everything is installed into .venv from the package index that pip is configured with.
+
+VENV := .venv
+BIN := $(VENV)/bin
+export PATH := $(CURDIR)/$(BIN):$(PATH):$(HOME)/.cargo/bin
+export VIRTUAL_ENV := $(CURDIR)/$(VENV)
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+
+SOURCES := $(shell find src -name '*.rs') Cargo.toml Cargo.lock
+DEMO_EXTRAS := mesh,viz
+
+.PHONY: demo test bench lint clean
+.NOTPARALLEL:
+.DELETE_ON_ERROR:
+
+demo: $(VENV)/.demo $(VENV)/.built
+	$(BIN)/cyclorama demo
+
+test: lint
+	cargo test --quiet
+	$(BIN)/python -m pytest
+
+bench: $(VENV)/.test $(VENV)/.built
+	for script in benches/*.py; do echo "== $$script"; $(BIN)/python $$script || exit 1; done
+
+lint: $(VENV)/.test $(VENV)/.built $(VENV)/.rust
+	cargo fmt --check
+	cargo clippy --quiet --all-targets -- -D warnings
+	cargo clippy --quiet --all-targets --features python -- -D warnings
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/mypy
+	$(BIN)/python -m mypy.stubtest cyclorama._core --mypy-config-file pyproject.toml
+
+clean:
+	rm -rf $(VENV) target out
+
+# The extension follows the Rust sources; the Python sources are used in place.
+$(VENV)/.built: $(SOURCES) | $(VENV)/.demo
+	$(BIN)/maturin develop --release --quiet --skip-install
+	@touch $@
+
+$(VENV)/.demo: pyproject.toml | $(VENV)/.python
+	$(BIN)/pip install --quiet --editable '.[$(DEMO_EXTRAS)]'
+	@touch $@ $(VENV)/.built
+
+# Of the system packages, libusb is for Open3D, the rest give pyrender EGL and a software OpenGL.
+$(VENV)/.test: pyproject.toml tools/system-packages | $(VENV)/.python
+	tools/system-packages libusb-1.0-0 libegl1 libegl-mesa0 libgl1 libgl1-mesa-dri
+	$(BIN)/pip install --quiet --editable '.[test]'
+	@touch $@ $(VENV)/.demo $(VENV)/.built
+
+$(VENV)/.rust:
+	@cargo fmt --version >/dev/null && cargo clippy --version >/dev/null || rustup component add rustfmt clippy
+	@touch $@
+
+# PYTHON=... picks the interpreter; Debian keeps venv in a package of its own.
+$(VENV)/.python:
+	@python=$$(tools/find-python $(PYTHON)) && { $$python -m venv $(VENV) || \
+	  { tools/system-packages python3-venv && $$python -m venv --clear $(VENV); }; }
+	$(BIN)/python -m pip install --quiet 'maturin>=1.16,<2'
+	@touch $@
