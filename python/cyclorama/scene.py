@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
 from . import _core
+from .bitfield import Bitfields
+from .camera import Camera
+from .progress import Progress
+from .render import Engine, Fill, View, render, visible
 
 __all__ = ["Scene"]
 
@@ -51,7 +56,8 @@ class Scene:
         self.faces = _faces(faces, len(self.vertices))
         self.colors = None if colors is None else _colors(colors, len(self.vertices), len(self.faces))
         self.transparent = None if transparent is None else _mask(transparent, len(self.faces))
-        self._mesh = _core.Mesh(np.asarray(self.vertices, dtype=np.float64, order="C"), self.faces)
+        vertices64 = np.asarray(self.vertices, dtype=np.float64, order="C")
+        self._mesh = _core.Mesh(vertices64, self.faces, self.transparent)
 
     def __len__(self) -> int:
         """Number of faces."""
@@ -75,6 +81,78 @@ class Scene:
     def radius(self) -> float:
         """Distance of the farthest vertex from the centre."""
         return float(np.sqrt(((self.vertices - self.center) ** 2).sum(axis=1).max()))
+
+    def render(
+        self,
+        camera: Camera,
+        faces: npt.ArrayLike | None = None,
+        engine: Engine = "auto",
+        *,
+        out: View | None = None,
+        threads: int | None = None,
+    ) -> View:
+        """The nearest face and its depth at each pixel centre, and a plain shaded picture.
+
+        Parameters
+        ----------
+        camera : Camera
+            Perspective or orthographic.
+        faces : (K,) array_like of int, optional
+            Draw only these. By default all but the transparent ones.
+        engine : {"auto", "raster", "raycast"}
+            Both engines give the same bits; "auto" takes the one expected to be faster.
+        out : View, optional
+            An earlier answer of the same size whose memory is reused.
+        threads : int, optional
+            All cores by default. The answer doesn't depend on it.
+
+        Returns
+        -------
+        View
+            `.ids` (H, W) uint32 with `BACKGROUND` where nothing is seen, `.depth` (H, W) float32 along the optical
+            axis with infinity there, `.color` (H, W, 3) uint8, shaded when first asked for.
+
+        Raises
+        ------
+        ValueError
+            If an entry of `faces` is not a face, or `out` has another size.
+
+        Examples
+        --------
+        >>> import cyclorama as cyc
+        >>> scene = Scene([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+        >>> camera = cyc.Camera.look_at([0.3, 0.3, 2], [0.3, 0.3, 0], width=3, height=3)
+        >>> view = scene.render(camera)
+        >>> int(view.ids[1, 1]), round(float(view.depth[1, 1]), 3)
+        (0, 2.0)
+        """
+        return render(self, camera, faces, engine, out=out, threads=threads)
+
+    def visible(
+        self,
+        cameras: Camera | Sequence[Camera],
+        fill: Fill = "rays",
+        *,
+        rings: int = 1,
+        engine: Engine = "auto",
+        known: Bitfields | npt.NDArray[np.uint64] | None = None,
+        out: npt.NDArray[np.uint64] | None = None,
+        threads: int | None = None,
+        progress: Progress = None,
+    ) -> Bitfields:
+        """The faces that each camera sees, without keeping the images; see `cyclorama.render.visible`.
+
+        Examples
+        --------
+        >>> import cyclorama as cyc
+        >>> scene = Scene([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+        >>> camera = cyc.Camera.look_at([0.3, 0.3, 2], [0.3, 0.3, 0])
+        >>> scene.visible([camera]).ids(0)
+        array([0], dtype=uint32)
+        """
+        return visible(
+            self, cameras, fill, rings=rings, engine=engine, known=known, out=out, threads=threads, progress=progress
+        )
 
 
 def _vertices(vertices: npt.ArrayLike) -> npt.NDArray[np.floating]:

@@ -1,26 +1,147 @@
-//! Binding of meshes and of the id-buffer engines.
+//! Binding of scenes and of the id-buffer engines.
 
-use super::arrays::rows_of;
+use super::arrays::{row_major, rows_of};
+use super::interrupt;
+use crate::camera::{Camera, Projection};
 use crate::mesh::Mesh;
-use numpy::PyReadonlyArray2;
+use crate::render::frame;
+use crate::render::scene::{Engine, Scene};
+use crate::render::visible::{Fill, visible_rows};
+use glam::{DMat3, DVec3};
+use numpy::{
+    PyArray1, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3, PyReadwriteArray2, PyUntypedArrayMethods,
+};
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 /// A checked mesh that the kernels own.
 #[pyclass(name = "Mesh", frozen)]
-pub struct PyMesh(pub Mesh);
+pub struct PyMesh(pub Scene);
+
+/// Cameras as arrays: K, world_to_camera, size, near, orthographic.
+type CameraArrays<'py> = (
+    PyReadonlyArray3<'py, f64>,
+    PyReadonlyArray3<'py, f64>,
+    PyReadonlyArray2<'py, u32>,
+    PyReadonlyArray1<'py, f64>,
+    PyReadonlyArray1<'py, bool>,
+);
+
+fn cameras(arrays: &CameraArrays<'_>) -> PyResult<Vec<Camera>> {
+    let k = rows_of::<9, _, _>("K", &arrays.0)?;
+    let pose = rows_of::<16, _, _>("world_to_camera", &arrays.1)?;
+    let size = rows_of::<2, _, _>("size", &arrays.2)?;
+    let near = row_major("near", &arrays.3)?;
+    let orthographic = row_major("orthographic", &arrays.4)?;
+    let n = k.len();
+    if [pose.len(), size.len(), near.len(), orthographic.len()] != [n; 4] {
+        return Err(PyValueError::new_err("camera arrays must have one entry a camera"));
+    }
+    Ok((0..n)
+        .map(|i| {
+            let p = &pose[i];
+            Camera {
+                k: DMat3::from_cols_array(&k[i]).transpose(),
+                rotation: DMat3::from_cols_array(&[p[0], p[1], p[2], p[4], p[5], p[6], p[8], p[9], p[10]])
+                    .transpose(),
+                translation: DVec3::new(p[3], p[7], p[11]),
+                width: size[i][0] as usize,
+                height: size[i][1] as usize,
+                near: near[i],
+                projection: if orthographic[i] { Projection::Orthographic } else { Projection::Perspective },
+            }
+        })
+        .collect())
+}
+
+fn engine(name: &str) -> PyResult<Engine> {
+    match name {
+        "auto" => Ok(Engine::Auto),
+        "raster" => Ok(Engine::Raster),
+        "raycast" => Ok(Engine::Raycast),
+        _ => {
+            Err(PyValueError::new_err(format!("engine must be 'auto', 'raster' or 'raycast', got {name:?}")))
+        }
+    }
+}
 
 #[pymethods]
 impl PyMesh {
     #[new]
-    fn new(vertices: PyReadonlyArray2<'_, f64>, faces: PyReadonlyArray2<'_, u32>) -> PyResult<Self> {
+    #[pyo3(signature = (vertices, faces, transparent=None))]
+    fn new(
+        vertices: PyReadonlyArray2<'_, f64>,
+        faces: PyReadonlyArray2<'_, u32>,
+        transparent: Option<PyReadonlyArray1<'_, bool>>,
+    ) -> PyResult<Self> {
         let vertices = rows_of::<3, _, _>("vertices", &vertices)?;
         let faces = rows_of::<3, _, _>("faces", &faces)?;
-        Ok(Self(Mesh::new(vertices, faces.to_vec())?))
+        let mask =
+            transparent.map(|mask| row_major("transparent", &mask).map(<[bool]>::to_vec)).transpose()?;
+        Ok(Self(Scene::new(Mesh::new(vertices, faces.to_vec())?, mask)?))
     }
 
-    #[getter]
-    fn degenerate_faces(&self) -> Vec<u32> {
-        (0..self.0.faces().len()).filter(|&f| self.0.is_degenerate(f)).map(|f| f as u32).collect()
+    /// Indices of the faces that have no area.
+    fn degenerate_faces<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u32>> {
+        let mesh = self.0.mesh();
+        let faces = (0..mesh.faces().len()).filter(|&f| mesh.is_degenerate(f)).map(|f| f as u32);
+        PyArray1::from_iter(py, faces)
+    }
+
+    /// Ids and depths of one view, written to `ids` and `depth`.
+    #[pyo3(signature = (camera, ids, depth, faces=None, engine="auto", threads=None))]
+    #[expect(clippy::too_many_arguments, reason = "one keyword each in Python")]
+    fn render(
+        &self,
+        py: Python<'_>,
+        camera: CameraArrays<'_>,
+        mut ids: PyReadwriteArray2<'_, u32>,
+        mut depth: PyReadwriteArray2<'_, f32>,
+        faces: Option<PyReadonlyArray1<'_, u32>>,
+        engine: &str,
+        threads: Option<usize>,
+    ) -> PyResult<()> {
+        let camera = cameras(&camera)?.pop().ok_or_else(|| PyValueError::new_err("no camera"))?;
+        let engine = self::engine(engine)?;
+        let shape = [camera.height, camera.width];
+        if ids.shape() != shape || depth.shape() != shape {
+            return Err(PyValueError::new_err(format!("out must have shape {shape:?}")));
+        }
+        let only = faces.as_ref().map(|f| row_major("faces", f)).transpose()?;
+        let (ids, depth) = (ids.as_slice_mut()?, depth.as_slice_mut()?);
+        interrupt::run(py, threads, None, |_| {
+            let (view, image) = self.0.draw(&camera, only, engine)?;
+            for ((sample, id), depth) in image.samples.iter().zip(ids).zip(depth) {
+                *id = frame::face(*sample);
+                *depth = frame::depth(*sample, &view);
+            }
+            Ok(())
+        })
+    }
+
+    /// Sets in each of `rows` the faces that its camera sees.
+    #[pyo3(signature = (cameras, rows, fill=None, engine="auto", threads=None, progress=None))]
+    #[expect(clippy::too_many_arguments, reason = "one keyword each in Python")]
+    fn visible(
+        &self,
+        py: Python<'_>,
+        cameras: CameraArrays<'_>,
+        mut rows: PyReadwriteArray2<'_, u64>,
+        fill: Option<&str>,
+        engine: &str,
+        threads: Option<usize>,
+        progress: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<()> {
+        let cameras = self::cameras(&cameras)?;
+        let engine = self::engine(engine)?;
+        let fill = match fill {
+            None => Fill::Bare,
+            Some(other) => return Err(PyValueError::new_err(format!("fill must be None, got {other:?}"))),
+        };
+        let rows = rows.as_slice_mut()?;
+        interrupt::run(py, threads, progress, |control| {
+            visible_rows(&self.0, &cameras, fill, engine, rows, control)
+        })
     }
 }
 

@@ -1,0 +1,178 @@
+//! The ray caster: a bounding-volume hierarchy finds the faces that a ray may meet, the common arithmetic of
+//! [`triangle`](super::triangle) decides.
+//!
+//! obvhs works in float32. Boxes are padded by more than its rounding and each ray starts where it enters the
+//! scene, so no face is lost to it; hits are decided in float64.
+
+use super::frame::sample;
+use super::projected::Projected;
+use super::triangle::{Key, Triangle, key_depth};
+use crate::mesh::Mesh;
+use glam::Vec3A;
+use obvhs::BvhBuildParams;
+use obvhs::aabb::Aabb;
+use obvhs::bvh2::{Bvh2, builder::build_bvh2, node::Bvh2Node};
+use obvhs::faststack::{FastStack, HeapStack};
+use obvhs::ray::{Ray, RayHit};
+use std::ops::Range;
+use std::time::Duration;
+
+/// Padding of boxes and ray lengths, in the mesh's units (the mesh spans [-1, 1]).
+///
+/// Derived: a ray starts within sqrt(3) of the origin and is at most 2 sqrt(3) long inside the scene. Rounding
+/// its start, direction and reciprocal to float32 and the three operations of the slab test move it by less
+/// than 12 half-ulps of 4, that is 12 * 2^-24 * 4 < 3e-6.
+const PAD: f32 = 4e-6;
+
+/// The distance from the mesh's origin that all its points are within.
+const REACH: f64 = 1.7321;
+
+/// Side of the square tiles in which pixels are visited, so that neighbouring rays find the same nodes cached.
+const TILE: usize = 8;
+
+/// A hierarchy over the faces of a mesh.
+pub struct Hierarchy {
+    bvh: Bvh2,
+    /// The deepest leaf: no traversal has more nodes waiting.
+    depth: usize,
+}
+
+impl Hierarchy {
+    /// Builds over all faces. O(F log F).
+    pub fn new(mesh: &Mesh) -> Self {
+        let boxes: Vec<Aabb> = (0..mesh.faces().len())
+            .map(|face| {
+                let [a, b, c] = mesh.corners(face);
+                let pad = Vec3A::splat(PAD);
+                Aabb::new(a.min(b).min(c).as_vec3a() - pad, a.max(b).max(c).as_vec3a() + pad)
+            })
+            .collect();
+        let bvh = build_bvh2(&boxes, BvhBuildParams::medium_build(), &mut Duration::default());
+        let depth = bvh.depth(0) + 1;
+        Self { bvh, depth }
+    }
+
+    /// Calls `visit` for the faces whose box the ray meets between two depths, near ones first but in no strict
+    /// order. `visit` returns the farthest depth that still matters, or `None` to end.
+    fn along(
+        &self,
+        view: &Projected,
+        pixel: [f64; 2],
+        depths: [f64; 2],
+        stack: &mut HeapStack<u32>,
+        mut visit: impl FnMut(u32) -> Option<f64>,
+    ) {
+        let (origin, direction) = view.ray(pixel);
+        let squared = direction.length_squared();
+        let closest = -origin.dot(direction) / squared;
+        let half = REACH / squared.sqrt();
+        let start = (closest - half).max(depths[0]);
+        let end = (closest + half).min(depths[1]);
+        if start > end {
+            return;
+        }
+        let to_t = |depth: f64| (depth - start) as f32 * (1.0 + 2.0 * f32::EPSILON) + PAD;
+        let from = origin + direction * start;
+        let ray = Ray::new(from.as_vec3a(), direction.as_vec3a(), 0.0, to_t(end));
+        stack.clear();
+        self.bvh.ray_traverse_dynamic(
+            stack,
+            ray,
+            &mut RayHit::none(),
+            |node: &Bvh2Node, ray: &mut Ray, _: &mut RayHit| {
+                let range = node.first_index as usize..(node.first_index + node.prim_count) as usize;
+                for &face in &self.bvh.primitive_indices[range] {
+                    match visit(face) {
+                        Some(depth) => ray.tmax = ray.tmax.min(to_t(depth)),
+                        None => return false,
+                    }
+                }
+                true
+            },
+        );
+    }
+
+    /// The nearest face at a centred pixel position among those that `counts` accepts, as a frame's sample.
+    pub fn nearest(&self, caster: &mut Caster<'_>, pixel: [f64; 2], counts: impl Fn(u32) -> bool) -> u64 {
+        let Caster { view, faces, stack } = caster;
+        let (mut best, mut limit) = (0, f64::INFINITY);
+        self.along(view, pixel, [view.near, f64::INFINITY], stack, |face| {
+            if counts(face)
+                && let Some(key) =
+                    Triangle::new(view, faces[face as usize]).and_then(|t| t.hit(pixel[0], pixel[1]))
+                && sample(key, face) > best
+            {
+                best = sample(key, face);
+                // Faces that tie in float32 lie within an ulp beyond.
+                limit = key_depth(view.projection, key) * (1.0 + 2.0 * f64::from(f32::EPSILON));
+            }
+            Some(limit)
+        });
+        best
+    }
+
+    /// A face that is nearer than `key` at a centred pixel position, among those that `counts` accepts.
+    pub fn occluder(
+        &self,
+        caster: &mut Caster<'_>,
+        pixel: [f64; 2],
+        key: Key,
+        counts: impl Fn(u32) -> bool,
+    ) -> Option<u32> {
+        let Caster { view, faces, stack } = caster;
+        let depth = key_depth(view.projection, key);
+        let mut found = None;
+        self.along(view, pixel, [view.near, depth], stack, |face| {
+            if counts(face) && occludes(view, faces[face as usize], pixel, key) {
+                found = Some(face);
+                return None;
+            }
+            Some(depth)
+        });
+        found
+    }
+}
+
+/// Whether a face is nearer than `key` at a centred pixel position.
+#[inline]
+pub fn occludes(view: &Projected, corners: [u32; 3], pixel: [f64; 2], key: Key) -> bool {
+    Triangle::new(view, corners).and_then(|t| t.hit(pixel[0], pixel[1])).is_some_and(|k| k > key)
+}
+
+/// What casting rays through one view needs; one for each thread.
+pub struct Caster<'a> {
+    pub view: &'a Projected,
+    pub faces: &'a [[u32; 3]],
+    stack: HeapStack<u32>,
+}
+
+impl<'a> Caster<'a> {
+    /// A caster for the rays of `view`.
+    pub fn new(hierarchy: &Hierarchy, view: &'a Projected, faces: &'a [[u32; 3]]) -> Self {
+        Self { view, faces, stack: HeapStack::new_with_capacity(hierarchy.depth) }
+    }
+}
+
+/// Casts a ray through each pixel centre of `rows`, as [`raster::draw`](super::raster::draw) fills them.
+pub fn cast(
+    hierarchy: &Hierarchy,
+    view: &Projected,
+    faces: &[[u32; 3]],
+    counts: impl Fn(u32) -> bool,
+    rows: Range<usize>,
+    samples: &mut [u64],
+) {
+    assert_eq!(samples.len(), rows.len() * view.width, "the band must hold its rows");
+    let mut caster = Caster::new(hierarchy, view, faces);
+    for top in rows.clone().step_by(TILE) {
+        for left in (0..view.width).step_by(TILE) {
+            for y in top..(top + TILE).min(rows.end) {
+                for x in left..(left + TILE).min(view.width) {
+                    let pixel = [view.column(x), view.row(y)];
+                    samples[(y - rows.start) * view.width + x] =
+                        hierarchy.nearest(&mut caster, pixel, &counts);
+                }
+            }
+        }
+    }
+}

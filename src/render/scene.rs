@@ -1,0 +1,124 @@
+//! A mesh ready to be looked at: which faces hide others, and a hierarchy built when first needed.
+
+use super::frame::Frame;
+use super::projected::Projected;
+use super::raster;
+use super::raycast::{self, Hierarchy};
+use crate::camera::Camera;
+use crate::error::Error;
+use crate::mesh::Mesh;
+use rayon::prelude::*;
+use std::sync::OnceLock;
+
+/// How an id-buffer is made. Both ways give the same bits.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Engine {
+    /// Whichever is expected to be faster.
+    Auto,
+    /// Walk the faces.
+    Raster,
+    /// Walk the pixels.
+    Raycast,
+}
+
+/// A mesh and the faces of it that are transparent.
+pub struct Scene {
+    mesh: Mesh,
+    transparent: Option<Vec<bool>>,
+    hierarchy: OnceLock<Hierarchy>,
+}
+
+/// Measured on scans, CAD and interiors of 10^4 to 10^6 faces with both engines: a face costs the rasteriser
+/// about 10 ns, a ray the caster about 200 ns.
+const RAY_COST_IN_FACES: usize = 20;
+
+impl Scene {
+    /// # Errors
+    /// [`Error::Invalid`] unless `transparent` has an entry for each face.
+    pub fn new(mesh: Mesh, transparent: Option<Vec<bool>>) -> Result<Self, Error> {
+        if let Some(mask) = &transparent
+            && mask.len() != mesh.faces().len()
+        {
+            return Err(Error::Invalid(format!(
+                "transparent has {} entries, the mesh {} faces",
+                mask.len(),
+                mesh.faces().len()
+            )));
+        }
+        Ok(Self { mesh, transparent, hierarchy: OnceLock::new() })
+    }
+
+    pub fn mesh(&self) -> &Mesh {
+        &self.mesh
+    }
+
+    /// Whether a face hides what is behind it.
+    #[inline]
+    pub fn is_opaque(&self, face: u32) -> bool {
+        self.transparent.as_ref().is_none_or(|mask| !mask[face as usize])
+    }
+
+    /// The hierarchy over all faces, built at the first call.
+    pub fn hierarchy(&self) -> &Hierarchy {
+        self.hierarchy.get_or_init(|| Hierarchy::new(&self.mesh))
+    }
+
+    /// The opaque faces, ascending.
+    pub fn opaque_faces(&self) -> impl Iterator<Item = u32> + '_ {
+        (0..self.mesh.faces().len() as u32).filter(|&face| self.is_opaque(face))
+    }
+
+    /// Draws one view, its bands of rows in parallel: `only` these faces, or else all opaque ones.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] if the camera is none ([`Camera::check`]) or `only` names a face that is not there.
+    pub fn draw(
+        &self,
+        camera: &Camera,
+        only: Option<&[u32]>,
+        engine: Engine,
+    ) -> Result<(Projected, Frame), Error> {
+        camera.check()?;
+        let count = self.mesh.faces().len();
+        let drawn = match only {
+            None => None,
+            Some(ids) => {
+                let mut mask = vec![false; count];
+                for (index, &id) in ids.iter().enumerate() {
+                    let Some(entry) = mask.get_mut(id as usize) else {
+                        return Err(Error::Invalid(format!(
+                            "faces[{index}] is {id}, the scene has {count} faces"
+                        )));
+                    };
+                    *entry = true;
+                }
+                Some(mask)
+            }
+        };
+        let counts =
+            |face: u32| drawn.as_ref().map_or_else(|| self.is_opaque(face), |mask| mask[face as usize]);
+        let mut view = Projected::default();
+        view.fill(&self.mesh, camera);
+        let mut frame = Frame::default();
+        frame.clear(view.width, view.height);
+        let rows = view.height.div_ceil(4 * rayon::current_num_threads()).max(16);
+        let faces = self.mesh.faces();
+        let raster = match engine {
+            Engine::Raster => true,
+            Engine::Raycast => false,
+            Engine::Auto => only.map_or(count, <[u32]>::len) < RAY_COST_IN_FACES * view.width * view.height,
+        };
+        frame.samples.par_chunks_mut(rows * view.width).enumerate().for_each(|(band, samples)| {
+            let range = band * rows..((band + 1) * rows).min(view.height);
+            if raster {
+                match only {
+                    Some(ids) => raster::draw(&view, faces, ids.iter().copied(), range, samples),
+                    None => raster::draw(&view, faces, self.opaque_faces(), range, samples),
+                }
+            } else {
+                raycast::cast(self.hierarchy(), &view, faces, counts, range, samples);
+            }
+        });
+        Ok((view, frame))
+    }
+}
