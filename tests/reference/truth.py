@@ -107,9 +107,7 @@ class Truth:
 class View:
     """The truth of one camera."""
 
-    def __init__(
-        self, truth: Truth, camera: Any, supersample: int, points: int, rng: np.random.Generator
-    ) -> None:
+    def __init__(self, truth: Truth, camera: Any, supersample: int, points: int, rng: np.random.Generator) -> None:
         self.truth = truth
         self.width, self.height = camera.width, camera.height
         self._rng = rng

@@ -1,0 +1,294 @@
+"""Experiments over grids of parameters: rows of figures, honest timing, and the rows that nothing beats.
+
+A *row* is a dict: the parameters of one run, then what was measured. Speed is timed in rounds that visit every run
+in turn (A B C, A B C, ...), so that a machine which slows down for a while slows all of them alike, and the median over
+rounds is kept. A run that fails stays in the table, with its error in place of its figures.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import statistics
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
+from typing import Any
+
+from .progress import Progress, reporter
+
+__all__ = ["Row", "best", "combinations", "pareto", "sweep", "table"]
+
+Row = dict[str, Any]
+
+#: The key under which a row names what went wrong.
+ERROR = "error"
+
+
+def combinations(grid: Mapping[str, Iterable[Any]] | Iterable[Mapping[str, Any]]) -> list[Row]:
+    """Every combination of the values, in the order given, the last name varying fastest.
+
+    Parameters
+    ----------
+    grid : mapping of str to iterable, or iterable of mappings
+        The values of each parameter; or the combinations themselves.
+
+    Returns
+    -------
+    list of dict
+
+    Raises
+    ------
+    ValueError
+        If a parameter has no values, or is a string where its values were to be.
+
+    Examples
+    --------
+    >>> combinations({"views": [6, 18], "rings": [1, 2]})
+    [{'views': 6, 'rings': 1}, {'views': 6, 'rings': 2}, {'views': 18, 'rings': 1}, {'views': 18, 'rings': 2}]
+    """
+    if not isinstance(grid, Mapping):
+        return [dict(parameters) for parameters in grid]
+    values = {}
+    for name, choices in grid.items():
+        if isinstance(choices, str):
+            raise ValueError(f"grid[{name!r}] is the string {choices!r}, not a sequence of values")
+        values[name] = list(choices)
+        if not values[name]:
+            raise ValueError(f"grid[{name!r}] has no values")
+    return [dict(zip(values, chosen, strict=True)) for chosen in itertools.product(*values.values())]
+
+
+def sweep(
+    grid: Mapping[str, Iterable[Any]] | Iterable[Mapping[str, Any]],
+    measure: Callable[..., Mapping[str, Any]] | None = None,
+    *,
+    timed: Callable[..., Callable[[], object]] | None = None,
+    rounds: int = 5,
+    warm_up: int = 1,
+    clock: Callable[[], float] = time.perf_counter,
+    progress: Progress = None,
+    desc: str = "sweep",
+) -> list[Row]:
+    """One row for every combination of parameters, in their order.
+
+    Parameters
+    ----------
+    grid : mapping of str to iterable, or iterable of mappings
+        As for `combinations`.
+    measure : callable, optional
+        Called once with each combination as keywords; what it returns joins the row.
+    timed : callable, optional
+        Called once with each combination; returns the job to time, a function without arguments. The jobs of all
+        combinations are made before the first is timed, and run in turn. The row gets `time`, the median in seconds,
+        and `times`, one for each round.
+    rounds : int
+        How often every job is timed.
+    warm_up : int
+        Rounds before the timed ones.
+    clock : callable
+        Seconds since some moment.
+    progress : bool, callable or None
+        As everywhere; one unit is one call of `measure`, or one run of a job.
+    desc : str
+        What the bar says.
+
+    Returns
+    -------
+    list of dict
+        Where a call raised an `Exception`, the row has `error`, its type and its message, and lacks what it did not
+        come to.
+
+    Raises
+    ------
+    ValueError
+        If there is nothing to do, a count is negative, or a figure has the name of a parameter.
+
+    Examples
+    --------
+    >>> rows = sweep({"n": [1, 0]}, lambda n: {"half": 1 / n}, progress=False)
+    >>> rows[0]
+    {'n': 1, 'half': 1.0}
+    >>> rows[1]
+    {'n': 0, 'error': 'ZeroDivisionError: division by zero'}
+    """
+    if measure is None and timed is None:
+        raise ValueError("a sweep needs something to measure or to time")
+    if rounds < 1:
+        raise ValueError(f"rounds must be at least 1, got {rounds}")
+    if warm_up < 0:
+        raise ValueError(f"warm_up must be at least 0, got {warm_up}")
+    asked = combinations(grid)
+    rows = [dict(parameters) for parameters in asked]
+    turns = warm_up + rounds if timed is not None else 0
+    total = len(rows) * (turns + (measure is not None))
+    with reporter(progress, total, desc) as report:
+        done = 0
+        if measure is not None:
+            for parameters, row in zip(asked, rows, strict=True):
+                figures = _attempt(row, partial(measure, **parameters))
+                if ERROR not in row:
+                    _join(row, figures)
+                done += 1
+                report(done)
+        if timed is not None:
+            _time(asked, rows, timed, turns, warm_up, clock, lambda turn: report(done + turn))
+    return rows
+
+
+def _time(
+    asked: Sequence[Row],
+    rows: Sequence[Row],
+    timed: Callable[..., Callable[[], object]],
+    turns: int,
+    warm_up: int,
+    clock: Callable[[], float],
+    report: Callable[[int], object],
+) -> None:
+    jobs: list[Callable[[], object] | None] = []
+    for parameters, row in zip(asked, rows, strict=True):
+        jobs.append(None if ERROR in row else _attempt(row, partial(timed, **parameters)))
+    times: list[list[float]] = [[] for _ in rows]
+    for turn in range(turns):
+        for place, (row, job) in enumerate(zip(rows, jobs, strict=True)):
+            if job is not None and ERROR not in row:
+                start = clock()
+                _attempt(row, job)
+                times[place].append(clock() - start)
+            report(turn * len(rows) + place + 1)
+    for row, kept in zip(rows, times, strict=True):
+        if kept and ERROR not in row:
+            _join(row, {"time": statistics.median(kept[warm_up:]), "times": kept[warm_up:]})
+
+
+def _attempt(row: Row, job: Callable[[], Any]) -> Any:
+    """What `job` returns; None if it fails, which the row then says."""
+    try:
+        return job()
+    except Exception as error:
+        row[ERROR] = f"{type(error).__name__}: {error}"
+        return None
+
+
+def _join(row: Row, figures: Mapping[str, Any]) -> None:
+    for name in figures:
+        if name in row:
+            raise ValueError(f"the figure {name!r} has the name of a parameter or of another figure")
+    row.update(figures)
+
+
+def pareto(rows: Iterable[Mapping[str, Any]], *, cost: str, error: str) -> list[Row]:
+    """The rows that no other row beats: none is both as cheap and as accurate, and better in one of the two.
+
+    Parameters
+    ----------
+    rows : iterable of mappings
+        Rows without a finite number under both names are left out.
+    cost, error : str
+        Names of two figures, the less the better.
+
+    Returns
+    -------
+    list of dict
+        From the cheapest to the most accurate; of equal rows the first.
+
+    Examples
+    --------
+    >>> rows = [{"time": 1, "missed": 9}, {"time": 2, "missed": 9}, {"time": 3, "missed": 1}]
+    >>> pareto(rows, cost="time", error="missed")
+    [{'time': 1, 'missed': 9}, {'time': 3, 'missed': 1}]
+    """
+    finite = [dict(row) for row in rows if _is_finite(row.get(cost)) and _is_finite(row.get(error))]
+    front: list[Row] = []
+    for row in sorted(finite, key=lambda row: (row[cost], row[error])):
+        if not front or row[error] < front[-1][error]:
+            front.append(row)
+    return front
+
+
+def best(
+    rows: Iterable[Mapping[str, Any]], *, minimise: str, where: Callable[[Mapping[str, Any]], bool] | None = None
+) -> Row:
+    """The row with the least of one figure among those that meet a constraint.
+
+    Parameters
+    ----------
+    rows : iterable of mappings
+        Rows that failed, and rows without a finite number under `minimise`, are left out.
+    minimise : str
+        Name of a figure.
+    where : callable, optional
+        Takes a row, says whether it will do.
+
+    Returns
+    -------
+    dict
+        Of equal rows the first.
+
+    Raises
+    ------
+    ValueError
+        If no row will do.
+
+    Examples
+    --------
+    >>> rows = [{"time": 1, "missed": 9}, {"time": 3, "missed": 1}, {"time": 4, "missed": 0}]
+    >>> best(rows, minimise="time", where=lambda row: row["missed"] <= 1)
+    {'time': 3, 'missed': 1}
+    """
+    finite = [row for row in rows if ERROR not in row and _is_finite(row.get(minimise))]
+    kept = [row for row in finite if where is None or where(row)]
+    if not kept:
+        raise ValueError(f"none of {len(finite)} rows with a figure {minimise!r} meets the constraint")
+    return dict(min(kept, key=lambda row: row[minimise]))
+
+
+def table(rows: Iterable[Mapping[str, Any]], columns: Sequence[str] | None = None) -> str:
+    """The rows as a table of plain text, which Markdown also understands.
+
+    Parameters
+    ----------
+    rows : iterable of mappings
+    columns : sequence of str, optional
+        Which figures, in which order; by default all that hold a single value.
+
+    Examples
+    --------
+    >>> print(table([{"views": 6, "missed": 0.012345}, {"views": 18, "missed": 0.0}]))
+    | views | missed |
+    | ----: | -----: |
+    |     6 | 0.0123 |
+    |    18 |      0 |
+    """
+    kept = [dict(row) for row in rows]
+    if columns is None:
+        names = dict.fromkeys(name for row in kept for name in row)
+        columns = [name for name in names if not any(isinstance(row.get(name), list | tuple | dict) for row in kept)]
+    cells = [[_cell(row.get(name)) for name in columns] for row in kept]
+    right = [all(_is_number(row.get(name)) or row.get(name) is None for row in kept) for name in columns]
+    widths = [max([3, len(name), *(len(line[k]) for line in cells)]) for k, name in enumerate(columns)]
+
+    def line(values: Sequence[str]) -> str:
+        aligned = (v.rjust(w) if r else v.ljust(w) for v, w, r in zip(values, widths, right, strict=True))
+        return "| " + " | ".join(aligned) + " |"
+
+    rule = ["-" * (w - 1) + (":" if r else "-") for w, r in zip(widths, right, strict=True)]
+    return "\n".join([line(list(columns)), line(rule), *map(line, cells)])
+
+
+def _cell(value: Any) -> str:
+    if value is None:
+        return "-"
+    if isinstance(value, bool | str) or not _is_number(value):
+        return str(value)
+    if float(value).is_integer() and abs(value) < 1e15:
+        return f"{int(value):,}"
+    return f"{value:.3g}"
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) or (hasattr(value, "dtype") and value.ndim == 0 and value.dtype.kind in "iuf")
+
+
+def _is_finite(value: Any) -> bool:
+    return _is_number(value) and math.isfinite(value)
