@@ -1,8 +1,9 @@
 """Cyclorama decides ahead of time what of a 3D scene can be seen from where."""
 
-from . import bitfield
+from . import bitfield, scenes
 from .bitfield import Bitfields
 from .camera import Camera
+from .loading import describe, load
 from .scene import Scene
 
 __version__ = "0.1.0"
@@ -13,4 +14,7 @@ __all__ = [
     "Scene",
     "__version__",
     "bitfield",
+    "describe",
+    "load",
+    "scenes",
 ]
