@@ -20,6 +20,7 @@ pub mod control;
 pub mod error;
 pub mod mesh;
 pub mod render;
+pub mod visibility;
 
 #[cfg(feature = "python")]
 mod python;

@@ -1,7 +1,11 @@
 """The compiled kernels. Users call the modules beside this one."""
 
+from collections.abc import Callable
+
 import numpy as np
 import numpy.typing as npt
+
+from .camera import CameraArrays
 
 class Mesh:
     def __new__(cls, vertices: npt.NDArray[np.float64], faces: npt.NDArray[np.uint32]) -> Mesh: ...
@@ -24,3 +28,13 @@ def bitfield_summary(words: npt.NDArray[np.uint64]) -> npt.NDArray[np.uint64]: .
 def bitfield_from_ids(ids: npt.NDArray[np.uint32], size: int) -> npt.NDArray[np.uint64]: ...
 def bitfield_lists(words: npt.NDArray[np.uint64]) -> tuple[npt.NDArray[np.uint64], npt.NDArray[np.uint32]]: ...
 def morton_order(points: npt.NDArray[np.float64]) -> npt.NDArray[np.uint32]: ...
+def visibility_probe(
+    mesh: Mesh,
+    cameras: CameraArrays,
+    rows: npt.NDArray[np.uint64],
+    row_of: npt.NDArray[np.uint32],
+    seen: npt.NDArray[np.uint64],
+    labels: npt.NDArray[np.uint32] | None = None,
+    threads: int | None = None,
+    progress: Callable[[int], object] | None = None,
+) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.uint32]]: ...

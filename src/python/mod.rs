@@ -5,11 +5,13 @@ mod bitfield;
 mod errors;
 mod interrupt;
 mod render;
+mod visibility;
 
 use pyo3::prelude::*;
 
 #[pymodule]
 fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     bitfield::register(m)?;
-    render::register(m)
+    render::register(m)?;
+    visibility::register(m)
 }

@@ -19,7 +19,7 @@ use pyo3::prelude::*;
 pub struct PyMesh(pub Scene);
 
 /// Cameras as arrays: K, world_to_camera, size, near, orthographic.
-type CameraArrays<'py> = (
+pub type CameraArrays<'py> = (
     PyReadonlyArray3<'py, f64>,
     PyReadonlyArray3<'py, f64>,
     PyReadonlyArray2<'py, u32>,
@@ -27,7 +27,7 @@ type CameraArrays<'py> = (
     PyReadonlyArray1<'py, bool>,
 );
 
-fn cameras(arrays: &CameraArrays<'_>) -> PyResult<Vec<Camera>> {
+pub fn cameras(arrays: &CameraArrays<'_>) -> PyResult<Vec<Camera>> {
     let k = rows_of::<9, _, _>("K", &arrays.0)?;
     let pose = rows_of::<16, _, _>("world_to_camera", &arrays.1)?;
     let size = rows_of::<2, _, _>("size", &arrays.2)?;

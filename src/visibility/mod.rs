@@ -1,0 +1,3 @@
+//! What is visible from a region, learned from views of it.
+
+pub mod probe;
