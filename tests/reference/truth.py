@@ -33,7 +33,7 @@ EXCUSES = 64
 
 @dataclass(frozen=True)
 class Judgement:
-    """How an answer compares with the truth; faces without an area are in neither list."""
+    """How an answer compares with the truth, exact duplicates counted once and faces without an area not at all."""
 
     visible: int  #: truly visible faces
     reported: int  #: faces of the answer that have an area
@@ -67,6 +67,8 @@ class Truth:
         longest = np.linalg.norm(self.corners - np.roll(self.corners, 1, axis=1), axis=2).max(axis=1)
         self.has_area = doubled > NO_AREA * longest**2
         self.normals = np.divide(normals, doubled[:, None], out=np.zeros_like(normals), where=self.has_area[:, None])
+        #: The lowest face with the same three corners: exact duplicates count as one.
+        self.original = _first_of_equals(self.corners)
         self._embree = _embree(self.corners)
 
     def view(self, camera: Any, *, supersample: int = 3, points: int = 16, seed: int = 0) -> View:
@@ -130,11 +132,12 @@ class View:
         answer &= self.truth.has_area
         missed = np.flatnonzero(self.visible & ~answer)
         false = np.flatnonzero(answer & ~self.visible)
+        original = self.truth.original
         return Judgement(
-            int(self.visible.sum()),
-            int(answer.sum()),
-            missed[~self._excused(missed, answer)] if len(missed) else missed,
-            false[~self._confirmed(false, points)] if len(false) else false,
+            len(np.unique(original[self.visible])),
+            len(np.unique(original[answer])),
+            np.unique(original[missed[~self._excused(missed, answer)]]) if len(missed) else missed,
+            np.unique(original[false[~self._confirmed(false, points)]]) if len(false) else false,
         )
 
     def _look_through_pixels(self, supersample: int) -> None:
@@ -193,8 +196,8 @@ class View:
     def sees(self, points: np.ndarray, faces: np.ndarray, *, lenient: bool = False) -> np.ndarray:
         """(N,) whether each point of a face is inside the image and the nearest surface on its ray.
 
-        Embree must hit that face first, or one that coincides with it there. `lenient` also takes a point that
-        Embree's rounding hides: it hits nothing before the point, or a face within its reach that float64 denies.
+        Embree must hit that face first, or one that coincides with it there. `lenient` also takes a point where it
+        hits, within its reach, a face that in float64 is not in front of the point.
         """
         seen = self._in_image(points)
         inside = np.flatnonzero(seen)
@@ -204,7 +207,6 @@ class View:
         tie = np.flatnonzero(~own & (ids >= 0) & (np.abs(t - 1) <= REACH))
         own[tie] = self.truth.coincide(faces[tie], ids[tie])
         if lenient:
-            own |= ~own & (t > 1 + REACH)
             tie = tie[~own[tie]]
             own[tie] = ~self.truth.in_front(self.eye, points[tie], ids[tie])
         seen[inside] = own
@@ -230,6 +232,12 @@ def _batches(total: int, first: int) -> list[int]:
         total -= first
         first *= 2
     return batches
+
+
+def _first_of_equals(corners: np.ndarray) -> np.ndarray:
+    _, welded = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+    _, first, group = np.unique(np.sort(welded.reshape(-1, 3), axis=1), axis=0, return_index=True, return_inverse=True)
+    return first[group.ravel()]
 
 
 def _embree(corners: np.ndarray) -> Any:
