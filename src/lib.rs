@@ -14,11 +14,13 @@
 //! * A row of bits has `ceil(F / 64)` words; bit `k` of word `w` is triangle `64 w + k`.
 //! * Results are the same bits for any number of threads.
 
+pub mod adjacency;
 pub mod bitfield;
 pub mod camera;
 pub mod control;
 pub mod error;
 pub mod mesh;
+pub mod patch;
 pub mod render;
 pub mod visibility;
 

@@ -1,6 +1,6 @@
 """Cyclorama decides ahead of time what of a 3D scene can be seen from where."""
 
-from . import bitfield, scenes
+from . import bitfield, patches, scenes
 from .bitfield import Bitfields
 from .camera import Camera
 from .loading import describe, load
@@ -16,5 +16,6 @@ __all__ = [
     "bitfield",
     "describe",
     "load",
+    "patches",
     "scenes",
 ]

@@ -38,3 +38,12 @@ def visibility_probe(
     threads: int | None = None,
     progress: Callable[[int], object] | None = None,
 ) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.uint32]]: ...
+def face_adjacency(
+    vertices: npt.NDArray[np.float64], faces: npt.NDArray[np.uint32]
+) -> tuple[npt.NDArray[np.uint64], npt.NDArray[np.uint32]]: ...
+def tile(
+    vertices: npt.NDArray[np.float64],
+    faces: npt.NDArray[np.uint32],
+    count: int,
+    progress: Callable[[int], object] | None,
+) -> tuple[npt.NDArray[np.uint32], int]: ...

@@ -4,6 +4,7 @@ mod arrays;
 mod bitfield;
 mod errors;
 mod interrupt;
+mod patch;
 mod render;
 mod visibility;
 
@@ -12,6 +13,7 @@ use pyo3::prelude::*;
 #[pymodule]
 fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     bitfield::register(m)?;
+    patch::register(m)?;
     render::register(m)?;
     visibility::register(m)
 }
