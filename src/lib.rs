@@ -22,6 +22,7 @@ pub mod error;
 pub mod mesh;
 pub mod patch;
 pub mod render;
+pub mod sphere;
 pub mod visibility;
 
 #[cfg(feature = "python")]

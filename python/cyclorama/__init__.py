@@ -1,6 +1,6 @@
 """Cyclorama decides ahead of time what of a 3D scene can be seen from where."""
 
-from . import bitfield, patches, scenes
+from . import bitfield, patches, scenes, sphere
 from .bitfield import Bitfields
 from .camera import Camera
 from .loading import describe, load
@@ -18,4 +18,5 @@ __all__ = [
     "load",
     "patches",
     "scenes",
+    "sphere",
 ]

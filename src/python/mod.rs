@@ -6,6 +6,7 @@ mod errors;
 mod interrupt;
 mod patch;
 mod render;
+mod sphere;
 mod visibility;
 
 use pyo3::prelude::*;
@@ -15,5 +16,6 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     bitfield::register(m)?;
     patch::register(m)?;
     render::register(m)?;
+    sphere::register(m)?;
     visibility::register(m)
 }
