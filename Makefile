@@ -22,7 +22,7 @@ test: lint
 	$(BIN)/python -m pytest
 
 bench: $(VENV)/.test $(VENV)/.built
-	for script in benches/*.py; do echo "== $$script"; $(BIN)/python $$script || exit 1; done
+	$(BIN)/python benches
 
 lint: $(VENV)/.test $(VENV)/.built $(VENV)/.rust
 	cargo fmt --check

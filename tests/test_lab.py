@@ -47,6 +47,11 @@ def test_a_run_that_fails_is_a_row_with_its_error_and_the_others_go_on():
     assert rows[1]["error"] == "ZeroDivisionError: division by zero"
 
 
+def test_a_run_that_fails_can_end_the_sweep_instead():
+    with pytest.raises(ZeroDivisionError):
+        lab.sweep({"n": [0]}, lambda n: {"inverse": 1 / n}, errors="raise", progress=False)
+
+
 def test_ctrl_c_ends_the_sweep():
     def measure(n):
         raise KeyboardInterrupt

@@ -13,7 +13,7 @@ import statistics
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
-from typing import Any
+from typing import Any, Literal
 
 from .progress import Progress, reporter
 
@@ -66,6 +66,7 @@ def sweep(
     timed: Callable[..., Callable[[], object]] | None = None,
     rounds: int = 5,
     warm_up: int = 1,
+    errors: Literal["record", "raise"] = "record",
     clock: Callable[[], float] = time.perf_counter,
     progress: Progress = None,
     desc: str = "sweep",
@@ -86,6 +87,8 @@ def sweep(
         How often every job is timed.
     warm_up : int
         Rounds before the timed ones.
+    errors : {"record", "raise"}
+        Whether a run that fails is a row, or ends the sweep.
     clock : callable
         Seconds since some moment.
     progress : bool, callable or None
@@ -97,7 +100,7 @@ def sweep(
     -------
     list of dict
         Where a call raised an `Exception`, the row has `error`, its type and its message, and lacks what it did not
-        come to.
+        come to (with `errors="record"`).
 
     Raises
     ------
@@ -118,6 +121,9 @@ def sweep(
         raise ValueError(f"rounds must be at least 1, got {rounds}")
     if warm_up < 0:
         raise ValueError(f"warm_up must be at least 0, got {warm_up}")
+    if errors not in ("record", "raise"):
+        raise ValueError(f"errors must be 'record' or 'raise', got {errors!r}")
+    attempt = _record if errors == "record" else _raise
     asked = combinations(grid)
     rows = [dict(parameters) for parameters in asked]
     turns = warm_up + rounds if timed is not None else 0
@@ -126,13 +132,13 @@ def sweep(
         done = 0
         if measure is not None:
             for parameters, row in zip(asked, rows, strict=True):
-                figures = _attempt(row, partial(measure, **parameters))
+                figures = attempt(row, partial(measure, **parameters))
                 if ERROR not in row:
                     _join(row, figures)
                 done += 1
                 report(done)
         if timed is not None:
-            _time(asked, rows, timed, turns, warm_up, clock, lambda turn: report(done + turn))
+            _time(asked, rows, timed, turns, warm_up, attempt, clock, lambda turn: report(done + turn))
     return rows
 
 
@@ -142,18 +148,19 @@ def _time(
     timed: Callable[..., Callable[[], object]],
     turns: int,
     warm_up: int,
+    attempt: Callable[[Row, Callable[[], Any]], Any],
     clock: Callable[[], float],
     report: Callable[[int], object],
 ) -> None:
     jobs: list[Callable[[], object] | None] = []
     for parameters, row in zip(asked, rows, strict=True):
-        jobs.append(None if ERROR in row else _attempt(row, partial(timed, **parameters)))
+        jobs.append(None if ERROR in row else attempt(row, partial(timed, **parameters)))
     times: list[list[float]] = [[] for _ in rows]
     for turn in range(turns):
         for place, (row, job) in enumerate(zip(rows, jobs, strict=True)):
             if job is not None and ERROR not in row:
                 start = clock()
-                _attempt(row, job)
+                attempt(row, job)
                 times[place].append(clock() - start)
             report(turn * len(rows) + place + 1)
     for row, kept in zip(rows, times, strict=True):
@@ -161,7 +168,12 @@ def _time(
             _join(row, {"time": statistics.median(kept[warm_up:]), "times": kept[warm_up:]})
 
 
-def _attempt(row: Row, job: Callable[[], Any]) -> Any:
+def _raise(row: Row, job: Callable[[], Any]) -> Any:
+    """What `job` returns."""
+    return job()
+
+
+def _record(row: Row, job: Callable[[], Any]) -> Any:
     """What `job` returns; None if it fails, which the row then says."""
     try:
         return job()
