@@ -8,9 +8,33 @@ import numpy.typing as npt
 from .camera import CameraArrays
 
 class Mesh:
-    def __new__(cls, vertices: npt.NDArray[np.float64], faces: npt.NDArray[np.uint32]) -> Mesh: ...
-    @property
-    def degenerate_faces(self) -> list[int]: ...
+    def __new__(
+        cls,
+        vertices: npt.NDArray[np.float64],
+        faces: npt.NDArray[np.uint32],
+        transparent: npt.NDArray[np.bool_] | None = None,
+    ) -> Mesh: ...
+    def degenerate_faces(self) -> npt.NDArray[np.uint32]: ...
+    def render(
+        self,
+        camera: tuple[object, ...],
+        ids: npt.NDArray[np.uint32],
+        depth: npt.NDArray[np.float32],
+        faces: npt.NDArray[np.uint32] | None = None,
+        engine: str = "auto",
+        threads: int | None = None,
+    ) -> None: ...
+    def visible(
+        self,
+        cameras: tuple[object, ...],
+        rows: npt.NDArray[np.uint64],
+        fill: str | None = None,
+        engine: str = "auto",
+        threads: int | None = None,
+        progress: object = None,
+        supersampling: int = 3,
+        points: int = 24,
+    ) -> None: ...
 
 def bitfield_check(words: npt.NDArray[np.uint64], size: int) -> None: ...
 def bitfield_pack(flags: npt.NDArray[np.bool_]) -> npt.NDArray[np.uint64]: ...

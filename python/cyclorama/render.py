@@ -91,7 +91,7 @@ def visible(
         rows |= known.words if isinstance(known, Bitfields) else known
     if views:
         with reporter(progress, len(views), "views") as report:
-            scene._mesh.visible(stack(views), rows, None, engine, threads, report)
+            scene._mesh.visible(stack(views), rows, fill, engine, threads, report)
     return Bitfields(rows, len(scene))
 
 

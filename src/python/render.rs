@@ -6,7 +6,7 @@ use crate::camera::{Camera, Projection};
 use crate::mesh::Mesh;
 use crate::render::frame;
 use crate::render::scene::{Engine, Scene};
-use crate::render::visible::{Fill, visible_rows};
+use crate::render::visible::{Fill, Rays, visible_rows};
 use glam::{DMat3, DVec3};
 use numpy::{
     PyArray1, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3, PyReadwriteArray2, PyUntypedArrayMethods,
@@ -120,7 +120,7 @@ impl PyMesh {
     }
 
     /// Sets in each of `rows` the faces that its camera sees.
-    #[pyo3(signature = (cameras, rows, fill=None, engine="auto", threads=None, progress=None))]
+    #[pyo3(signature = (cameras, rows, fill=None, engine="auto", threads=None, progress=None, supersampling=3, points=24))]
     #[expect(clippy::too_many_arguments, reason = "one keyword each in Python")]
     fn visible(
         &self,
@@ -131,12 +131,19 @@ impl PyMesh {
         engine: &str,
         threads: Option<usize>,
         progress: Option<&Bound<'_, PyAny>>,
+        supersampling: usize,
+        points: usize,
     ) -> PyResult<()> {
         let cameras = self::cameras(&cameras)?;
         let engine = self::engine(engine)?;
         let fill = match fill {
             None => Fill::Bare,
-            Some(other) => return Err(PyValueError::new_err(format!("fill must be None, got {other:?}"))),
+            Some("rays") => Fill::Rays(Rays { supersampling, points }),
+            Some(other) => {
+                return Err(PyValueError::new_err(format!(
+                    "fill must be 'rays', 'neighbours' or None, got {other:?}"
+                )));
+            }
         };
         let rows = rows.as_slice_mut()?;
         interrupt::run(py, threads, progress, |control| {

@@ -58,6 +58,11 @@ impl Scene {
         self.transparent.as_ref().is_none_or(|mask| !mask[face as usize])
     }
 
+    /// The transparent faces, ascending.
+    pub fn transparent_faces(&self) -> impl Iterator<Item = u32> + '_ {
+        (0..self.mesh.faces().len() as u32).filter(|&face| !self.is_opaque(face))
+    }
+
     /// The hierarchy over all faces, built at the first call.
     pub fn hierarchy(&self) -> &Hierarchy {
         self.hierarchy.get_or_init(|| Hierarchy::new(&self.mesh))

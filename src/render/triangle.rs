@@ -119,12 +119,12 @@ impl Row<'_> {
             let x = [0, 1, 2, 3].map(|i| (first + group + i) as f64 + offset);
             let mut inside = [true; 4];
             for edge in 0..3 {
-                for i in 0..4 {
-                    inside[i] &= t.edges[edge].x * x[i] + self.constant[edge] >= t.least[edge];
+                for (inside, x) in inside.iter_mut().zip(x) {
+                    *inside &= t.edges[edge].x * x + self.constant[edge] >= t.least[edge];
                 }
             }
-            for i in 0..4 {
-                mask |= u32::from(inside[i]) << (group + i);
+            for (i, inside) in inside.into_iter().enumerate() {
+                mask |= u32::from(inside) << (group + i);
             }
         }
         mask &= (1 << count) - 1;
@@ -184,12 +184,33 @@ impl Row<'_> {
         if !(value >= t.seen[0] && value <= t.seen[1]) {
             return None;
         }
-        let bits = (value as f32).to_bits();
-        Some(match t.projection {
-            Projection::Perspective => bits.max(1),
-            Projection::Orthographic => !bits,
-        })
+        Some(value_key(t.projection, value))
     }
+}
+
+#[inline(always)]
+fn value_key(projection: Projection, value: f64) -> Key {
+    let bits = (value as f32).to_bits();
+    match projection {
+        Projection::Perspective => bits.max(1),
+        Projection::Orthographic => !bits,
+    }
+}
+
+/// The key of a face's nearest corner; `None` if a corner lies at or behind the eye's plane.
+pub fn nearest_key(view: &Projected, corners: [u32; 3]) -> Option<Key> {
+    let depth = corners
+        .iter()
+        .map(|&v| match view.projection {
+            Projection::Perspective => view.vertices[v as usize].h.z,
+            Projection::Orthographic => view.depths[v as usize],
+        })
+        .fold(f64::INFINITY, f64::min);
+    let value = match view.projection {
+        Projection::Perspective => 1.0 / depth,
+        Projection::Orthographic => depth,
+    };
+    (depth > 0.0).then(|| value_key(view.projection, value))
 }
 
 /// The depth, in the mesh's units, that a key stands for.
