@@ -1,11 +1,13 @@
 """Cyclorama decides ahead of time what of a 3D scene can be seen from where."""
 
 from . import bitfield, patches, scenes, sphere
+from .baking import bake
 from .bitfield import Bitfields
 from .camera import Camera
 from .loading import describe, load
 from .render import BACKGROUND, View
 from .scene import Scene
+from .visibility import Visibility
 
 __version__ = "0.1.0"
 
@@ -15,7 +17,9 @@ __all__ = [
     "Camera",
     "Scene",
     "View",
+    "Visibility",
     "__version__",
+    "bake",
     "bitfield",
     "describe",
     "load",

@@ -1,0 +1,279 @@
+"""The bake: which faces are seen from where, for every direction around a scene.
+
+`join="samples"` is the papers' way: what an eye between viewpoints sees is taken to be what the three (or six) viewpoints around it
+see (2001, section 3.2; 2002, sections 3.2 to 3.4). That misses what only a view between them sees (2001, figure 4). `join="cells"`
+gives each face of the view sphere a row of its own, which begins with its corners and grows by what probes inside it see.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from . import bitfield, patches, sphere
+from .bitfield import Bitfields
+from .camera import Camera
+from .fingerprint import fingerprint
+from .framing import Framing, unit_directions
+from .learning import Cells, Looker
+from .probing import STRATEGIES, Prober
+from .progress import Progress, reporter
+from .render import Fill
+from .scene import Scene
+from .viewsphere import ViewSphere
+from .visibility import Settings, Shell, Visibility
+
+__all__ = ["bake"]
+
+Words = npt.NDArray[np.uint64]
+Floats = npt.NDArray[np.float64]
+Views = int | npt.ArrayLike | Sequence[Camera]
+
+
+def bake(
+    scene: Scene,
+    views: Views = 258,
+    patches: int | npt.ArrayLike | None = None,
+    resolution: tuple[int, int] = (510, 480),
+    fov_y: float = 45.0,
+    fill: Fill = "rays",
+    join: str = "cells",
+    progress: Progress = None,
+    *,
+    max_missed: float | None = None,
+    distances: Sequence[float] | None = None,
+    join_count: int = 3,
+    probes: int = 32,
+    strategy: str = "edges",
+    seed: int = 0,
+    threads: int | None = None,
+) -> Visibility:
+    """Finds out what of a scene can be seen from any direction around it.
+
+    Parameters
+    ----------
+    scene : Scene
+        F faces. Transparent ones hide nothing and are in every answer (2001, section 3.4).
+    views : int, (N, 3) array_like of float, or sequence of Camera
+        A size of the octahedral sphere (6, 18, 66, 258, 1026, 4098; 2002, section 3.2.1), any other number from 4 for a
+        Fibonacci sphere; directions from the scene's centre; or the author's own shots, taken as they are. Directions and
+        shots have to surround the scene.
+    patches : int, (F,) array_like of int, or None
+        Number of patches to tile the scene into, or the patch of each face; rows then have a bit per patch, which is visible if any of
+        its faces is.
+    resolution : (int, int)
+        Width and height of the images in pixels.
+    fov_y : float
+        Vertical field of view in degrees. The cameras stand where the scene's bounding sphere just fits into it.
+    fill : {"rays", "neighbours", None}
+        How visible faces that own no pixel are found; see `Scene.visible`.
+    join : {"cells", "samples"}
+        Whether each face of the view sphere gets a row of its own, with what probes inside it see, or is answered by the
+        union of the samples around it, as in the papers.
+    progress : bool, callable or None
+        See `cyclorama.progress`; units are views.
+    max_missed : float, optional
+        Find views, patches and resolution that miss no more than this share of the pixels; see `cyclorama.adaptive`.
+        `views` is then the sphere to begin with, and `statement` says what was reached, and how surely.
+    distances : sequence of float, optional
+        Distances to bake, in sampling radii, each outside the bounding sphere; infinity for parallel rays. By default the
+        sampling radius alone.
+    join_count : {3, 6}
+        Samples that `join="samples"` joins.
+    probes : int
+        Most probes for each face of the view sphere; 0 for none. A face is done earlier when its last four found nothing new.
+    strategy : {"edges", "spread", "random", "guided"}
+        Where probes look from; see `cyclorama.probing`.
+    seed : int
+        Of the probes' places.
+    threads : int, optional
+        All cores by default. The answer does not depend on it.
+
+    Returns
+    -------
+    Visibility
+
+    Raises
+    ------
+    ValueError
+        If an argument is not of its kind or range, views do not surround the scene, two are in the same direction, or one is at
+        its centre. The message names the argument, the index and the value.
+
+    Examples
+    --------
+    >>> import cyclorama as cyc
+    >>> vis = bake(cyc.scenes.sphere(faces=320), views=18, resolution=(64, 64), progress=False)
+    >>> 0.2 < vis.culling_rate() < 0.5
+    True
+    """
+    check_options(join=join, join_count=join_count, probes=probes, strategy=strategy)
+    framing = Framing.of(scene, resolution, fov_y)
+    shells_at = _distances(framing, distances)
+    if max_missed is not None:
+        from . import adaptive
+
+        if join != "cells" or shells_at != [1.0] or _is_shots(views):
+            raise ValueError("max_missed= needs join='cells', no distances= and no cameras: it places views itself")
+        return adaptive.bake_within(
+            scene, max_missed, views, patches, framing, fill, probes, strategy, seed, threads, progress
+        )
+    points, faces, shots = view_points(scene, views)
+    labels = patch_labels(scene, patches)
+    settings = Settings(framing.resolution, float(fov_y), fill, join, join_count, seed)
+    probed = probes if join == "cells" else 0
+    total = len(shells_at) * (len(points) + len(faces) * probed)
+    spent = np.zeros(len(faces), dtype=np.int64)
+    scores: list[tuple[int, Floats]] = []
+    shells = []
+    looker = Looker(scene, framing, 1.0, fill, threads)
+    with reporter(progress, total, "views") as report:
+        looker.report = report
+        for distance in shells_at:
+            looker.distance = distance
+            samples = looker.see(points) if shots is None else looker.see_cameras(shots)
+            cells = None
+            if join == "cells":
+                begun = samples if shots is None else samples | looker.see(points)
+                cells = Cells.of_corners(begun, faces)
+                prober = Prober(points, faces, seed, strategy)
+                cells.probe(looker, prober, np.arange(len(faces)), probes)
+                spent += cells.probes
+                scores += cells.scores
+            shells.append(shell_of(distance, samples, None if cells is None else cells.rows, len(scene), labels))
+        report(total)
+    return Visibility(
+        ViewSphere(points, faces, scene.center, framing.sampling_radius),
+        shells,
+        model_radius=scene.radius,
+        size=len(scene),
+        labels=labels,
+        settings=settings,
+        mesh=fingerprint(scene),
+        order=bit_order(scene, labels),
+        probes=spent,
+        found=mean_scores(scores),
+    )
+
+
+def check_options(*, join: str, join_count: int, probes: int, strategy: str) -> None:
+    """Refuses options that are none, before any work."""
+    if join not in ("cells", "samples"):
+        raise ValueError(f"join must be 'cells' or 'samples', got {join!r}")
+    if join_count not in (3, 6):
+        raise ValueError(f"join_count must be 3 or 6, got {join_count!r}")
+    if isinstance(probes, bool) or not isinstance(probes, int | np.integer) or probes < 0:
+        raise ValueError(f"probes must be a count of at least 0, got {probes!r}")
+    if strategy not in STRATEGIES:
+        raise ValueError(f"strategy must be one of {', '.join(STRATEGIES)}, got {strategy!r}")
+
+
+def view_points(scene: Scene, views: Views) -> tuple[Floats, npt.NDArray[np.uint32], list[Camera] | None]:
+    """Directions of viewpoints, the sphere faces between them, and the author's cameras if `views` is a list of such."""
+    if isinstance(views, bool) or isinstance(views, float):
+        raise ValueError(f"views must be a count, directions or cameras, got {views!r}")
+    if isinstance(views, int | np.integer):
+        count = int(views)
+        if count < 4:
+            raise ValueError(f"views must be at least 4, got {count}")
+        level = (count - 2).bit_length() // 2 - 1
+        if count == 4 ** (level + 1) + 2:
+            return (*sphere.octahedron(level), None)
+        points = sphere.fibonacci(count)
+        return points, sphere.hull(points), None
+    if _is_shots(views):
+        shots = list(views)  # type: ignore[arg-type]
+        offsets = np.array([camera.eye - scene.center for camera in shots])
+        for index in np.flatnonzero(~offsets.any(axis=1)):
+            raise ValueError(f"views[{index}] is a camera at the scene's centre: it has no direction from there")
+        points = unit_directions(offsets)
+        return points, sphere.hull(points), shots
+    points = unit_directions(views)  # type: ignore[arg-type]
+    return points, sphere.hull(points), None
+
+
+def patch_labels(scene: Scene, patches_: int | npt.ArrayLike | None) -> npt.NDArray[np.uint32] | None:
+    """Patch of each face, numbered without gaps."""
+    if patches_ is None:
+        return None
+    array = np.asarray(patches_)
+    if array.ndim == 0:
+        if array.dtype.kind not in "iu" or array < 1:
+            raise ValueError(f"patches must be a count of at least 1, or a label for each face, got {patches_!r}")
+        return patches.tile(scene.vertices, scene.faces, int(array))
+    if array.shape != (len(scene),) or array.dtype.kind not in "iu":
+        raise ValueError(f"patches must be ({len(scene)},) integers, got {array.shape} {array.dtype}")
+    if array.min() < 0:
+        index = int(array.argmin())
+        raise ValueError(f"patches[{index}] is {array[index]}: labels are at least 0")
+    if array.max() >= len(scene):
+        index = int(array.argmax())
+        raise ValueError(f"patches[{index}] is {array[index]}: {len(scene)} faces have no more patches than that")
+    return array.astype(np.uint32)
+
+
+def shell_of(
+    distance: float, samples: Words, cells: Words | None, size: int, labels: npt.NDArray[np.uint32] | None
+) -> Shell:
+    """Rows over faces, or folded to patches."""
+    if labels is None:
+        return Shell(distance, Bitfields(samples, size), None if cells is None else Bitfields(cells, size))
+    return Shell(distance, fold(samples, labels), None if cells is None else fold(cells, labels))
+
+
+def fold(rows: Words, labels: npt.NDArray[np.uint32]) -> Bitfields:
+    """Rows with a bit per patch, set where any face of the patch is.
+
+    Examples
+    --------
+    >>> fold(bitfield.pack([True, False, False]), np.array([1, 1, 0], dtype=np.uint32)).unpack()
+    array([[False,  True]])
+    """
+    size = int(labels.max()) + 1
+    order = np.argsort(labels, kind="stable")
+    starts = np.searchsorted(labels[order], np.arange(size))
+    # A label that no face has leaves an empty run, to which reduceat would give the next face.
+    used = np.bincount(labels, minlength=size) > 0
+    folded = np.zeros((len(rows), bitfield.width(size)), dtype=np.uint64)
+    step = max(1, (1 << 26) // len(labels))
+    for first in range(0, len(rows), step):
+        flags = bitfield.unpack(rows[first : first + step], len(labels))[:, order]
+        patch_flags = np.zeros((len(flags), size), dtype=bool)
+        patch_flags[:, used] = np.logical_or.reduceat(flags, starts[used], axis=1)
+        folded[first : first + step] = bitfield.pack(patch_flags)
+    return Bitfields(folded, size)
+
+
+def bit_order(scene: Scene, labels: npt.NDArray[np.uint32] | None) -> npt.NDArray[np.uint32]:
+    """The faces, or the patches, along a space-filling curve."""
+    middles = scene.vertices.astype(np.float64)[scene.faces].mean(axis=1) - scene.center
+    if labels is None:
+        return bitfield.morton_order(middles)
+    members = np.maximum(np.bincount(labels), 1)
+    return bitfield.morton_order(np.column_stack([np.bincount(labels, middles[:, k]) / members for k in range(3)]))
+
+
+def mean_scores(scores: list[tuple[int, Floats]]) -> Floats:
+    """(P, 2) mean share that probe number k of the sphere faces found missing, and of how many faces, by number."""
+    total: dict[int, tuple[float, int]] = {}
+    for number, missed in scores:
+        sum_, count = total.get(number, (0.0, 0))
+        total[number] = (sum_ + float(missed.sum()), count + len(missed))
+    return np.array([(s / max(n, 1), n) for _, (s, n) in sorted(total.items())]).reshape(-1, 2)
+
+
+def _distances(framing: Framing, distances: Sequence[float] | None) -> list[float]:
+    if distances is None:
+        return [1.0]
+    array = np.asarray(distances, dtype=np.float64)
+    if array.ndim != 1 or len(array) == 0:
+        raise ValueError(f"distances must be a sequence of numbers, got {distances!r}")
+    for value in array.tolist():
+        framing.check_distance(value)
+    values = sorted(set(array.tolist()))
+    return values
+
+
+def _is_shots(views: Views) -> bool:
+    return isinstance(views, Sequence) and len(views) > 0 and isinstance(views[0], Camera)

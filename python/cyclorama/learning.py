@@ -1,0 +1,191 @@
+"""Rows of bits for the faces of a view sphere, learned from probes until they find nothing new."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from . import _core
+from .camera import Camera
+from .framing import Framing
+from .probing import Prober, Probes
+from .render import Fill
+from .scene import Scene
+
+__all__ = ["Cells", "Looker"]
+
+Words = npt.NDArray[np.uint64]
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+#: Probes of a sphere face that are taken at once, before the next look at whether it needs more.
+STEP = 4
+
+#: A sphere face is done when its last STEP probes missed less than this share of their pixels on average: a pixel
+#: in four views of 510 x 480 that a model half fills.
+TOLERANCE = 2e-6
+
+#: Bytes of rows that one call to the kernel fills.
+_BATCH_BYTES = 1 << 26
+
+
+@dataclass
+class Looker:
+    """Looks at a scene from around it, at one distance.
+
+    Parameters
+    ----------
+    scene : Scene
+        What to look at.
+    framing : Framing
+        How.
+    distance : float
+        In sampling radii; infinite for parallel rays.
+    fill : {"rays", "neighbours", None}
+        How visible faces that own no pixel are found; see `Scene.visible`.
+    threads : int or None
+        All cores by default.
+    """
+
+    scene: Scene
+    framing: Framing
+    distance: float = 1.0
+    fill: Fill = "rays"
+    threads: int | None = None
+    done: int = 0
+    report: Callable[[int], object] = lambda done: None
+
+    @property
+    def width(self) -> int:
+        """Words of a row."""
+        return (len(self.scene) + 63) // 64
+
+    @property
+    def batch(self) -> int:
+        """Views that one call to the kernel takes; depends on the scene alone."""
+        return int(np.clip(_BATCH_BYTES // (8 * self.width), 64, 2048))
+
+    def see(self, directions: Floats) -> Words:
+        """(N, W) rows of what is seen from each direction."""
+        return self.see_cameras(self.framing.cameras(directions, self.distance))
+
+    def see_cameras(self, cameras: list[Camera]) -> Words:
+        """(N, W) rows of what these cameras see."""
+        found = self.scene.visible(cameras, self.fill, threads=self.threads, progress=self._progress())
+        self.done += len(cameras)
+        return found.words
+
+    def probe(
+        self, directions: Floats, rows: Words, row_of: Ints, labels: npt.NDArray[np.uint32] | None = None, *, fill: bool = True
+    ) -> tuple[Words, Floats]:
+        """Asks rows what they miss of some views.
+
+        Parameters
+        ----------
+        directions : (P, 3) ndarray of float64
+            Where to look from.
+        rows : (S, W) ndarray of uint64
+            Bits per face, or per patch with `labels`.
+        row_of : (P,) ndarray of int64
+            The row that each view is to be answered by.
+        labels : (F,) ndarray of uint32, optional
+            Patch of each face.
+        fill : bool
+            Whether to look for faces that own no pixel, too; not with `labels`.
+
+        Returns
+        -------
+        seen : (P, W) ndarray of uint64
+            What each view shows, apart from such faces as have no pixel and are in the row already.
+        missed : (P,) ndarray of float64
+            Share of covered pixels whose face is not in the row.
+        """
+        cameras = self.framing.arrays(directions, self.distance)
+        seen = np.zeros((len(directions), rows.shape[1]), dtype=np.uint64)
+        home = np.ascontiguousarray(row_of, dtype=np.uint32)
+        covered, missed = _core.visibility_probe(
+            self.scene._mesh, cameras, rows, home, seen, labels, self.threads, self._progress()
+        )
+        if fill and self.fill is not None and labels is None:
+            known = rows[home]
+            found = self.scene.visible(
+                self.framing.cameras(directions, self.distance), self.fill, known=known | seen, threads=self.threads, progress=False
+            )
+            seen |= found.words & ~known
+        self.done += len(directions)
+        return seen, missed / np.maximum(covered, 1)
+
+    def _progress(self) -> Callable[[int], object]:
+        before = self.done
+        return lambda done: self.report(before + done)
+
+
+class Cells:
+    """A row of bits for each face of a view sphere, that only ever gains bits.
+
+    Parameters
+    ----------
+    rows : (M, W) ndarray of uint64
+        What the corners of each sphere face see; changed in place.
+    """
+
+    def __init__(self, rows: Words) -> None:
+        self.rows = rows
+        self.probes = np.zeros(len(rows), dtype=np.int64)
+        self.scores: list[tuple[int, Floats]] = []
+
+    @classmethod
+    def of_corners(cls, samples: Words, faces: npt.NDArray[np.uint32]) -> Cells:
+        """Begins with the union of the corners' rows."""
+        rows = samples[faces[:, 0]]
+        for k in (1, 2):
+            rows |= samples[faces[:, k]]
+        return cls(rows)
+
+    def learn(self, probes: Probes, seen: Words) -> None:
+        """Sets in the rows of each probe's learners what it saw."""
+        for learners, row in zip(probes.learners.tolist(), seen, strict=True):
+            for cell in learners:
+                if cell >= 0:
+                    self.rows[cell] |= row
+
+    def probe(self, looker: Looker, prober: Prober, cells: Ints, limit: int, tolerance: float = TOLERANCE) -> Ints:
+        """Probes some sphere faces until each is done, or has spent its limit.
+
+        Parameters
+        ----------
+        looker : Looker
+            Takes the views.
+        prober : Prober
+            Places them.
+        cells : (K,) ndarray of int64
+            Sphere faces, all with the same number of probes spent.
+        limit : int
+            Most probes for each.
+        tolerance : float
+            Mean share of missed pixels over the last probes below which a sphere face is done.
+
+        Returns
+        -------
+        (L,) ndarray of int64
+            The sphere faces that are not done.
+        """
+        spent = 0
+        while len(cells) and spent < limit:
+            count = min(STEP, limit - spent)
+            probes = prober.place(cells, spent, count)
+            missed = np.empty(len(probes))
+            for start in range(0, len(probes), looker.batch):
+                part = slice(start, start + looker.batch)
+                batch = probes[part]
+                seen, missed[part] = looker.probe(batch.directions, self.rows, batch.home)
+                self.learn(batch, seen)
+            prober.tell(probes, missed)
+            self.probes[cells] += count
+            self.scores.append((spent, missed[probes.uniform]))
+            spent += count
+            cells = cells[missed.reshape(len(cells), count).mean(axis=1) > tolerance]
+        return cells
