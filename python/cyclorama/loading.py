@@ -1,7 +1,7 @@
 """Scenes from files, from the meshes of other libraries, and from arrays.
 
 Other libraries' meshes are read by their attributes, so that nobody has to have all of them installed; files go
-through trimesh, imported on the first file. Whatever comes in keeps its order of faces, its vertices unmerged and
+through trimesh, imported on the first file. Whatever comes in keeps its triangles in order, its vertices unmerged and
 its precision: what the library answers can be used as an index into the caller's own arrays.
 """
 
@@ -80,9 +80,10 @@ def load(source: Any) -> Scene:
     repeated once. Faces whose material blends (glTF ``BLEND`` with a base alpha below 1, OBJ ``d`` below 1) are marked
     `transparent`.
 
-    Polygons of more than three corners are cut into triangles: in files by trimesh, in PyVista meshes as a fan,
-    which is right for convex polygons; others are refused. OBJ, which says nowhere how much it holds, cannot be told
-    from a shorter file when it was cut between two lines.
+    Polygons of more than three corners are cut into triangles: in OFF files and PyVista meshes as a fan in place,
+    which is right for convex polygons, others are refused; in other files by trimesh, which may put the pieces after
+    the triangles of the file. OBJ, which says nowhere how much it holds, cannot be told from a shorter file when it
+    was cut among its faces.
 
     Examples
     --------
@@ -148,32 +149,94 @@ def _load_path(path: Path) -> Scene:
     if path.suffix.lower() not in FORMATS:
         raise ValueError(f"{path}: {path.suffix or 'a name without an ending'} is not one of {' '.join(FORMATS)}")
     try:
-        import trimesh
-    except ImportError as error:
-        raise ImportError(f"{path}: reading mesh files needs trimesh: pip install cyclorama[mesh]") from error
-    try:
-        mesh = trimesh.load(path, process=False)
-    except Exception as error:
-        raise ValueError(f"{path}: not a readable {path.suffix[1:].upper()} file, or cut off: {error}") from error
-    try:
-        parts = _parts(mesh)
-        _check_counts(path, sum(len(part.vertices) for part in parts))
+        parts = [_read_off(path)] if path.suffix.lower() == ".off" else _parts(_through_trimesh(path))
+        if not any(len(part.faces) for part in parts):
+            raise ValueError("it holds no triangles, or is cut off")
         return _join(parts)
-    except (TypeError, ValueError) as error:
+    except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
 
 
-def _check_counts(path: Path, vertices: int) -> None:
-    """Compares a PLY file's own count of vertices with what was read."""
-    if path.suffix.lower() != ".ply":
-        return
+def _through_trimesh(path: Path) -> Any:
+    try:
+        import trimesh
+    except ImportError as error:
+        raise ImportError(f"{path}: reading mesh files needs trimesh: pip install cyclorama[mesh]") from error
+    if path.suffix.lower() == ".ply":
+        _check_ply(path)
+    try:
+        mesh = trimesh.load(path, process=False)
+    except Exception as error:
+        raise ValueError(f"not a readable {path.suffix[1:].upper()} file, or cut off: {error}") from error
+    if not (hasattr(mesh, "faces") or hasattr(mesh, "geometry")):
+        raise ValueError(f"it holds no triangles, but a {type(mesh).__name__}, or is cut off")
+    return mesh
+
+
+def _check_ply(path: Path) -> None:
+    """Refuses a PLY file in text that ends before its last face: trimesh would read the faces that are there."""
     with path.open("rb") as file:
+        if file.readline().strip() != b"ply":
+            raise ValueError("not a PLY file")
+        promised, text = 0, False
         for line in file:
             words = line.split()
-            if words[:2] == [b"element", b"vertex"] and vertices != int(words[2]):
-                raise ValueError(f"its header promises {int(words[2])} vertices, it holds {vertices}")
+            text = text or words[:2] == [b"format", b"ascii"]
+            if words[:1] == [b"element"] and len(words) == 3 and words[2].isdigit():
+                promised += int(words[2])
             if words[:1] == [b"end_header"]:
-                return
+                break
+        else:
+            raise ValueError("a PLY file cut off in its header")
+        if not text:
+            return
+        found, last = 0, b""
+        for line in file:
+            if line.strip():
+                found, last = found + 1, line
+        words = last.split()
+        if found < promised or (words and words[0].isdigit() and len(words) <= int(words[0])):
+            raise ValueError(f"cut off: its header promises {promised} lines, {found} are there")
+
+
+def _read_off(path: Path) -> _Part:
+    """An OFF file in text. (trimesh's reader drops the faces a cut file lacks, and stops at pentagons.)"""
+    try:
+        text = path.read_text(encoding="ascii")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"not an OFF file in text: {error}") from error
+    lines = [words for line in text.splitlines() if (words := line.split("#")[0].split())]
+    if not lines or not lines[0][0].endswith("OFF"):
+        raise ValueError("not an OFF file")
+    kind = lines[0].pop(0)[:-3]
+    if kind not in ("", "C", "N", "CN"):
+        raise ValueError(f"OFF files of kind {kind}OFF are not read")
+    body = lines if lines[0] else lines[1:]
+    try:
+        vertex_count, face_count = int(body[0][0]), int(body[0][1])
+        rows, corners = body[1 : 1 + vertex_count], body[1 + vertex_count : 1 + vertex_count + face_count]
+        if len(rows) < vertex_count or len(corners) < face_count:
+            raise ValueError(
+                f"{vertex_count} vertices and {face_count} faces promised, {len(body) - 1} lines are there"
+            )
+        vertices = np.array([row[:3] for row in rows], dtype=np.float64).reshape(-1, 3)
+        padded = np.array([word for row in corners for word in row[: 1 + int(row[0])]], dtype=np.int64)
+        faces, polygon = _fan(padded, vertices)
+    except (IndexError, ValueError) as error:
+        raise ValueError(f"not a readable OFF file, or cut off: {error}") from error
+    part = _Part(vertices, faces)
+    tails = [row[1 + int(row[0]) :] for row in corners]
+    if "C" in kind:
+        part.vertex_colors = _off_colors([row[3 if kind == "C" else 6 :] for row in rows])
+    elif tails and all(len(tail) >= 3 for tail in tails):
+        part.face_colors = _off_colors(tails)[polygon]
+    return part
+
+
+def _off_colors(rows: list[list[str]]) -> Bytes:
+    """Colours in bytes where all are whole numbers, of [0, 1] where one has a point."""
+    whole = not any("." in word for row in rows for word in row[:3])
+    return _unit_bytes(np.array([row[:3] for row in rows], dtype=np.float64) / (255.0 if whole else 1.0))
 
 
 # The meshes of other libraries ----------------------------------------------------------------------------------------
@@ -308,7 +371,7 @@ def _read_polydata(mesh: Any) -> Iterable[_Part]:
 
 
 def _fan(padded: Ints, points: Floats) -> tuple[Ints, npt.NDArray[np.intp]]:
-    """Triangles of VTK's padded polygons (n, v0 ... vn-1, n, ...), and the polygon of each."""
+    """Triangles of padded polygons (n, v0 ... vn-1, n, ...), and the polygon of each."""
     if len(padded) % 4 == 0 and (padded[::4] == 3).all():
         return padded.reshape(-1, 4)[:, 1:], np.arange(len(padded) // 4)
     faces, polygon, at, count = [], [], 0, 0
@@ -316,13 +379,13 @@ def _fan(padded: Ints, points: Floats) -> tuple[Ints, npt.NDArray[np.intp]]:
         size = int(padded[at])
         corners = padded[at + 1 : at + 1 + size]
         if size < 3 or len(corners) != size:
-            raise ValueError(f"polygon {count} of the PyVista mesh has {len(corners)} corners")
+            raise ValueError(f"polygon {count} has {len(corners)} corners")
         fan = np.column_stack([np.full(size - 2, corners[0]), corners[1:-1], corners[2:]])
         if size > 3:
             a, b, c = (points[fan[:, i]].astype(np.float64) for i in range(3))
             normals = np.cross(b - a, c - a)
             if (normals @ normals.sum(axis=0) < 0).any():
-                raise ValueError(f"polygon {count} of the PyVista mesh is not convex: call .triangulate() on it first")
+                raise ValueError(f"polygon {count} is not convex: cut it into triangles first")
         faces.append(fan)
         polygon.append(np.full(size - 2, count))
         at += size + 1
