@@ -5,9 +5,28 @@
 | `sphere` | closed and convex: the visible faces are the front-facing ones |
 | `gear` | deep gaps that change their sight within a few degrees |
 | `pipes` | a uniform tangle of any number of primitives: hard for budgets |
+| `nested_boxes` | only the outermost shows: answered by hand |
+| `window_box` | a small thing seen through a window: answered by hand |
+| `notch` | an apex that no sample sees, but an eye between them does (the 2001 paper's figure 4) |
+| `tubes` | deep parallel tubes: a far eye sees more than the samples that it looks through |
+| `grating` | tiles behind crossed bars: each step of the eye shows others |
+| `layers` | stacked sheets: any depth complexity, one visible sheet |
 """
 
+from .answers import KnownScene, Sight, grating, layers, nested_boxes, notch, tubes, window_box
 from .machines import gear, pipes
 from .round import sphere
 
-__all__ = ["gear", "pipes", "sphere"]
+__all__ = [
+    "KnownScene",
+    "Sight",
+    "gear",
+    "grating",
+    "layers",
+    "nested_boxes",
+    "notch",
+    "pipes",
+    "sphere",
+    "tubes",
+    "window_box",
+]

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["Mesh", "box", "join", "normals", "refine", "sweep", "turned"]
+__all__ = ["Faces", "Mesh", "Points", "box", "cells", "join", "normals", "refine", "sweep", "turned"]
 
 Points = npt.NDArray[np.float64]
 Faces = npt.NDArray[np.int64]
@@ -30,6 +30,36 @@ def box(low: npt.ArrayLike, high: npt.ArrayLike) -> Mesh:
     vertices = np.where(high_along, high[:, None], low[:, None])
     faces = _BOX + 8 * np.arange(len(vertices))[:, None, None]
     return vertices.reshape(-1, 3), faces.reshape(-1, 3)
+
+
+def cells(lines: Sequence[npt.NDArray[np.floating]], solid: npt.NDArray[np.bool_]) -> Mesh:
+    """The surface between the solid and the empty cells of a grid.
+
+    `lines` holds the ascending grid planes along x, y and z, `solid` (X, Y, Z) tells which of the cells between them
+    are filled. Each cell wall between full and empty becomes a quadrilateral of two faces, 2 q and 2 q + 1, whose
+    corners are shared with its neighbours: the surface is closed, and wound outward.
+    """
+    filled = np.pad(solid, 1)
+    shape = np.array([len(axis) for axis in lines])
+    quads = []
+    for k in range(3):
+        u, v = (k + 1) % 3, (k + 2) % 3
+        below, above = (np.moveaxis(filled, k, 0)[part] for part in (slice(None, -1), slice(1, None)))
+        for wall, around in (
+            (below & ~above, [(0, 0), (1, 0), (1, 1), (0, 1)]),
+            (above & ~below, [(0, 0), (0, 1), (1, 1), (1, 0)]),
+        ):
+            cell = np.argwhere(np.moveaxis(wall, 0, k))
+            cell[:, [u, v]] -= 1
+            corners = np.repeat(cell[:, None], 4, axis=1)
+            corners[:, :, [u, v]] += np.array(around)
+            quads.append(corners)
+    corners = np.concatenate(quads)
+    used, index = np.unique(corners @ np.array([shape[1] * shape[2], shape[2], 1]), return_inverse=True)
+    a, b, c, d = index.reshape(-1, 4).T
+    faces = np.stack([np.column_stack([a, b, c]), np.column_stack([a, c, d])], axis=1).reshape(-1, 3)
+    places = np.unravel_index(used, shape)
+    return np.column_stack([axis[place] for axis, place in zip(lines, places, strict=True)]), faces
 
 
 def sweep(rings: npt.ArrayLike) -> Mesh:
