@@ -37,7 +37,7 @@ def test_a_wrong_face_in_the_middle_of_another_is_unexplained(gear):
     square = cyc.Scene([[-9, -9, 0], [9, -9, 0], [9, 9, 0], [-9, 9, 0]], [[0, 1, 2], [0, 2, 3]])
     view = square.render(CAMERA)
     ids, depth = view.ids.copy(), view.depth.copy()
-    ids[9, 40], depth[9, 40] = BACKGROUND, np.inf
+    ids[30, 40], depth[30, 40] = BACKGROUND, np.inf
     got = counts(square, ids, depth)
     assert (got["explained"], got["unexplained"]) == (0, 1)
 
