@@ -180,8 +180,9 @@ def compare(
     ours = scene.render(camera)
     covered = (ours.ids != BACKGROUND) | (ids != BACKGROUND)
     same = covered & (ours.ids == ids)
-    with np.errstate(invalid="ignore"):
-        agree = covered & (same | (np.abs(ours.depth - depth) <= SAME_DEPTH * np.abs(depth)))
+    both = (ours.ids != BACKGROUND) & (ids != BACKGROUND)
+    agree = same.copy()
+    agree[both] |= np.abs(ours.depth[both] - depth[both]) <= SAME_DEPTH * np.abs(depth[both])
     differ = covered & ~agree
     crossed = _near_an_edge(scene, camera, ours.ids, reach) if differ.any() else np.zeros_like(differ)
     return {
