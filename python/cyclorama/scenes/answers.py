@@ -331,9 +331,9 @@ def grating(bars: int = 24, *, panel: int = 48, gap: float = 0.35) -> Scene:
     Parameters
     ----------
     bars : int
-        Upright bars, and as many level ones, at least 2. The fence has ``32 bars^2 - 24 bars + 4`` faces.
+        Upright bars, and as many level ones, at least 2. The fence has ``20 * bars**2 - 8 * bars`` faces.
     panel : int
-        Tiles along each side of the panel, at least 1. It has ``4 panel^2 + 8 panel`` faces.
+        Tiles along each side of the panel, at least 1. It has ``4 * panel**2 + 8 * panel`` faces.
     gap : float
         Distance of the panel behind the fence, positive. Both reach from -1 to 1 in x and y; the fence faces +z.
 
@@ -345,7 +345,7 @@ def grating(bars: int = 24, *, panel: int = 48, gap: float = 0.35) -> Scene:
     Examples
     --------
     >>> len(grating(10, panel=20))
-    4524
+    3680
     """
     if bars < 2 or panel < 1 or not gap > 0.0:
         raise ValueError(f"bars, panel or gap is out of range: {bars}, {panel}, {gap}")
