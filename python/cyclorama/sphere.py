@@ -13,7 +13,7 @@ from typing import Any, Literal, overload
 import numpy as np
 import numpy.typing as npt
 
-from . import _core
+from . import _core, bitfield
 
 __all__ = [
     "Cover",
@@ -349,7 +349,7 @@ def crossing_angle(radius: float, sampling_radius: float, eye_distance: float) -
     >>> crossing_angle(1.0, 2.0, 2.0)
     0.0
     """
-    if not 0 < radius <= min(sampling_radius, eye_distance):
+    if not (0 < radius <= sampling_radius and radius <= eye_distance):
         raise ValueError(
             "radius must be positive and at most sampling_radius and eye_distance, got "
             f"radius={radius!r}, sampling_radius={sampling_radius!r}, eye_distance={eye_distance!r}"
@@ -490,11 +490,7 @@ def _words(bits: Any) -> npt.NDArray[np.uint64]:
             "bits must be Bitfields, an (S, W) array of uint64 or an (S, F) array of bool, "
             f"got shape {array.shape} of {array.dtype}"
         )
-    if array.dtype == np.bool_:
-        packed = np.packbits(array, axis=1, bitorder="little")
-        packed = np.pad(packed, ((0, 0), (0, -packed.shape[1] % 8)))
-        array = np.ascontiguousarray(packed).view("<u8").astype(np.uint64)
-    return np.ascontiguousarray(array)
+    return bitfield.pack(array) if array.dtype == np.bool_ else np.ascontiguousarray(array)
 
 
 def _smallest(words: npt.NDArray[np.uint64], spare: int, greedy: Indices, time_limit: float) -> Cover:

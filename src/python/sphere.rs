@@ -13,7 +13,9 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 type Rows<'py, T> = Bound<'py, PyArray2<T>>;
+type Indices<'py> = Bound<'py, PyArray1<u32>>;
 type Sphere<'py> = (Rows<'py, f64>, Rows<'py, u32>);
+type SplitSphere<'py> = (Rows<'py, f64>, Rows<'py, u32>, Indices<'py>);
 
 /// Rows of `N` as an array.
 fn matrix<const N: usize, T: Element>(py: Python<'_>, rows: Vec<[T; N]>) -> Rows<'_, T> {
@@ -73,11 +75,7 @@ impl PyLocator {
         Ok(Self(py.detach(|| Locator::new(points, faces))?))
     }
 
-    fn locate<'py>(
-        &self,
-        py: Python<'py>,
-        directions: PyReadonlyArray2<'py, f64>,
-    ) -> PyResult<Bound<'py, PyArray1<u32>>> {
+    fn locate<'py>(&self, py: Python<'py>, directions: PyReadonlyArray2<'py, f64>) -> PyResult<Indices<'py>> {
         let directions = rows_of::<3, _, _>("directions", &directions)?;
         let mut located = vec![0; directions.len()];
         py.detach(|| self.0.locate(directions, &mut located))?;
@@ -105,7 +103,7 @@ fn faces_in_cap<'py>(
     faces: PyReadonlyArray2<'py, u32>,
     direction: [f64; 3],
     angle: f64,
-) -> PyResult<Bound<'py, PyArray1<u32>>> {
+) -> PyResult<Indices<'py>> {
     let points = units("points", rows_of::<3, _, _>("points", &points)?)?;
     let faces = rows_of::<3, _, _>("faces", &faces)?;
     check_faces(faces, points.len())?;
@@ -124,7 +122,7 @@ fn subdivide_faces<'py>(
     points: PyReadonlyArray2<'py, f64>,
     faces: PyReadonlyArray2<'py, u32>,
     which: PyReadonlyArray1<'py, u32>,
-) -> PyResult<(Rows<'py, f64>, Rows<'py, u32>, Bound<'py, PyArray1<u32>>)> {
+) -> PyResult<SplitSphere<'py>> {
     let points = units("points", rows_of::<3, _, _>("points", &points)?)?;
     let faces = rows_of::<3, _, _>("faces", &faces)?;
     check_faces(faces, points.len())?;
@@ -134,11 +132,7 @@ fn subdivide_faces<'py>(
 }
 
 #[pyfunction]
-fn cover_rows<'py>(
-    py: Python<'py>,
-    words: PyReadonlyArray2<'py, u64>,
-    spare: u64,
-) -> PyResult<Bound<'py, PyArray1<u32>>> {
+fn cover_rows<'py>(py: Python<'py>, words: PyReadonlyArray2<'py, u64>, spare: u64) -> PyResult<Indices<'py>> {
     let width = words.as_array().ncols();
     let words = super::arrays::row_major("bits", &words)?;
     Ok(run(py, None, None, |control| cover::cover(words, width, spare, control))?.into_pyarray(py))

@@ -72,4 +72,10 @@ mod tests {
         assert!((crossing_angle(1.0, f64::INFINITY, 2.0) - 30_f64.to_radians()).abs() < 1e-15);
         assert_eq!(crossing_angle(1.0, 1.0, f64::INFINITY), FRAC_PI_2);
     }
+
+    #[test]
+    fn a_nearer_eye_looks_past_the_sphere_on_its_other_side() {
+        // From sqrt 2 away a unit ball spans 45 degrees to either side, from 2 away 30.
+        assert!((crossing_angle(1.0, 2.0, 2_f64.sqrt()).to_degrees() - 15.0).abs() < 1e-12);
+    }
 }

@@ -51,10 +51,16 @@ pub(super) fn normalized(v: DVec3) -> DVec3 {
     v / (squares[0] + squares[1] + squares[2]).sqrt()
 }
 
+/// A triple product of vectors with components below 2 that is larger than this has the right sign: each
+/// component of the cross product is off by at most 16 u, where u = 2^-53 is a rounding, each product with `d` by
+/// 48 u, and the two additions by 80 u: 224 u in all.
+const CERTAIN: f64 = 256.0 / (1_u64 << 53) as f64;
+
 /// Positive where `d` lies to the left of the arc `a → b` seen from outside, negative to its right,
-/// zero exactly on its great circle. The sign is exact; `side(a, b, d) == -side(b, a, d)`.
+/// zero exactly on its great circle. The sign is exact, for vectors as [`direction`] and [`unit`] make them.
 pub(super) fn side(a: DVec3, b: DVec3, d: DVec3) -> f64 {
-    volume(a, b, d, DVec3::ZERO)
+    let quick = a.cross(b).dot(d);
+    if quick.abs() > CERTAIN { quick } else { volume(a, b, d, DVec3::ZERO) }
 }
 
 /// Sign of the volume of a tetrahedron, exact: positive where `d` is below the plane of `a`, `b`, `c`,
@@ -88,16 +94,15 @@ mod tests {
 
     #[test]
     fn sides_are_exact_where_rounding_would_not_be() {
-        let a = DVec3::new(0.1, 0.2, 0.3);
-        // On the great circle through a and b to the bit: a sum of small multiples that rounds nowhere.
-        let (a, b) = (
-            DVec3::new(a.x as f32 as f64, a.y as f32 as f64, a.z as f32 as f64),
-            DVec3::new(0.5, -0.25, 0.75),
-        );
-        let on = a * 3.0 + b;
+        // Multiples of 2^-20, so that sums of a few are exact and lie on the great circle to the bit.
+        let grid = |x: f64| (x * f64::from(1 << 20)).round() / f64::from(1 << 20);
+        let a = DVec3::new(grid(0.1), grid(0.2), grid(0.3));
+        let b = DVec3::new(grid(0.57), grid(-0.23), grid(0.71));
+        let on = a * 1.5 + b * 0.5;
         assert_eq!(side(a, b, on), 0.0);
-        let beside = DVec3::new(on.x, on.y, on.z.next_up());
-        assert!(side(a, b, beside) != 0.0);
-        assert_eq!(side(a, b, beside), -side(b, a, beside));
+        let (left, right) = (on.z.next_up(), on.z.next_down());
+        let (left, right) = (DVec3::new(on.x, on.y, left), DVec3::new(on.x, on.y, right));
+        assert!(side(a, b, left) * side(a, b, right) < 0.0);
+        assert_eq!(side(a, b, left).signum(), -side(b, a, left).signum());
     }
 }

@@ -255,3 +255,128 @@ fn cell_center(cell: usize, cells: usize) -> DVec3 {
     d[(side / 2 + 2) % 3] = place(v);
     d
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sphere::fibonacci::fibonacci;
+    use crate::sphere::hull::hull;
+    use crate::sphere::subdivide::subdivide;
+    use proptest::prelude::*;
+
+    fn arrays(points: &[DVec3]) -> Vec<[f64; 3]> {
+        points.iter().map(|p| p.to_array()).collect()
+    }
+
+    fn octahedral(level: u32) -> Locator {
+        let sphere = octahedron(level).unwrap();
+        Locator::new(&arrays(&sphere.points), &sphere.faces).unwrap()
+    }
+
+    fn free(points: &[DVec3]) -> Locator {
+        let points = arrays(points);
+        Locator::new(&points, &hull(&points).unwrap()).unwrap()
+    }
+
+    /// An octahedral sphere with ever smaller faces around one direction: not a convex hull's.
+    fn uneven() -> Locator {
+        let mut sphere = octahedron(1).unwrap();
+        for _ in 0..6 {
+            let locator = Locator::new(&arrays(&sphere.points), &sphere.faces).unwrap();
+            let face = locator.face_of(direction("d", 0, [0.3, 0.5, -0.8]).unwrap());
+            let finer = subdivide(&sphere.points, &sphere.faces, &[face]).unwrap();
+            (sphere.points, sphere.faces) = (finer.points, finer.faces);
+        }
+        Locator::new(&arrays(&sphere.points), &sphere.faces).unwrap()
+    }
+
+    /// The first face that holds `d`, by trying all.
+    fn by_trying(locator: &Locator, d: DVec3) -> Option<u32> {
+        (0..locator.faces.len() as u32).find(|&f| locator.sides(f, d).iter().all(|&s| s >= 0.0))
+    }
+
+    /// Any direction, and those that are hard: axes, planes, points, middles of edges, a rounding beside.
+    fn hard_direction() -> impl Strategy<Value = [f64; 3]> {
+        let component = prop_oneof![
+            4 => -1.0..1.0_f64,
+            2 => prop::sample::select(vec![0.0, -0.0, 1.0, -1.0, 5e-324, -1e-310, 1e-160, 1e300]),
+            1 => (-4_i32..=4).prop_map(f64::from),
+        ];
+        prop::array::uniform3(component).prop_filter("has a direction", |d| d.iter().any(|&x| x != 0.0))
+    }
+
+    fn check(locator: &Locator, d: [f64; 3]) -> Result<(), TestCaseError> {
+        let d = direction("d", 0, d).unwrap();
+        prop_assert_eq!(Some(locator.face_of(d)), by_trying(locator, d));
+        if let Search::Descend(levels) = &locator.search {
+            prop_assert!(locator.tests(d).unwrap() <= 1 + 3 * levels.len());
+        }
+        Ok(())
+    }
+
+    proptest! {
+        #[test]
+        fn the_first_face_that_holds_a_direction_is_found(d in hard_direction(), level in 0..5_u32, n in 4..200_usize) {
+            check(&octahedral(level), d)?;
+            check(&free(&fibonacci(n)), d)?;
+        }
+
+        #[test]
+        fn points_and_edges_belong_to_the_first_face_around(corner in 0..1000_usize, ulps in -2_i64..=2, axis in 0..3_usize) {
+            for locator in [octahedral(3), free(&fibonacci(300)), uneven()] {
+                let (a, b) = edge_of(&locator, corner);
+                for d in [a, a + b] {
+                    let mut d = d.to_array();
+                    d[axis] = f64::from_bits((d[axis].to_bits() as i64 + ulps * i64::from(d[axis] != 0.0)) as u64);
+                    check(&locator, d)?;
+                }
+            }
+        }
+
+        #[test]
+        fn faces_of_very_different_size_are_found(d in hard_direction()) {
+            check(&uneven(), d)?;
+        }
+    }
+
+    fn edge_of(locator: &Locator, k: usize) -> (DVec3, DVec3) {
+        let face = locator.faces[k % locator.faces.len()];
+        (locator.points[face[k % 3] as usize], locator.points[face[(k + 1) % 3] as usize])
+    }
+
+    #[test]
+    fn a_walk_ends_wherever_it_starts() {
+        // The start is as wrong as can be: from every face, to the middle of every face.
+        let locator = uneven();
+        for target in 0..locator.faces.len() as u32 {
+            let d: DVec3 =
+                locator.faces[target as usize].iter().map(|&v| locator.points[v as usize].normalize()).sum();
+            for start in 0..locator.faces.len() as u32 {
+                assert_eq!(locator.holder(start, d), target);
+            }
+        }
+    }
+
+    #[test]
+    fn spheres_that_do_not_cover_each_direction_once_are_refused() {
+        let sphere = octahedron(1).unwrap();
+        let points = arrays(&sphere.points);
+        let text =
+            |points: &[[f64; 3]], faces: &[[u32; 3]]| Locator::new(points, faces).unwrap_err().to_string();
+        assert!(text(&points, &[]).contains("empty"));
+        assert!(text(&points[..9], &sphere.faces).contains("names vertex"));
+        assert!(text(&points, &sphere.faces[..31]).contains("nothing across"));
+        let inward: Vec<_> = sphere.faces.iter().map(|&[a, b, c]| [a, c, b]).collect();
+        assert!(text(&points, &inward).contains("counter-clockwise"));
+        // Two spheres in one.
+        let twice: Vec<_> = sphere
+            .faces
+            .iter()
+            .chain(&sphere.faces)
+            .copied()
+            .enumerate()
+            .map(|(f, face)| face.map(|v| if f < 32 { v } else { v + 18 }))
+            .collect();
+        assert!(text(&[points.clone(), points].concat(), &twice).contains("2 times"));
+    }
+}

@@ -52,7 +52,7 @@ pub fn octahedron(level: u32) -> Result<Octahedron, Error> {
 /// The face of octant `o`, whose bits 0, 1, 2 say that x, y, z are negative.
 fn octant(o: u32) -> [u32; 3] {
     let [x, y, z] = [o & 1, 2 + (o >> 1 & 1), 4 + (o >> 2 & 1)];
-    if o.count_ones() % 2 == 0 { [x, y, z] } else { [x, z, y] }
+    if o.count_ones().is_multiple_of(2) { [x, y, z] } else { [x, z, y] }
 }
 
 /// The face of level 0 that holds `d`.

@@ -104,3 +104,90 @@ pub fn subdivide(points: &[DVec3], faces: &[[u32; 3]], which: &[u32]) -> Result<
     }
     Ok(result)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sphere::locate::Locator;
+    use crate::sphere::octahedron::octahedron;
+    use proptest::prelude::*;
+
+    fn arrays(points: &[DVec3]) -> Vec<[f64; 3]> {
+        points.iter().map(|p| p.to_array()).collect()
+    }
+
+    #[test]
+    fn splitting_all_faces_is_the_next_level() {
+        let (coarse, fine) = (octahedron(2).unwrap(), octahedron(3).unwrap());
+        let all: Vec<u32> = (0..128).collect();
+        let split = subdivide(&coarse.points, &coarse.faces, &all).unwrap();
+        assert_eq!((split.points.len(), split.faces.len()), (fine.points.len(), fine.faces.len()));
+        let sorted = |points: &[DVec3]| {
+            let mut bits: Vec<_> = points.iter().map(|p| p.to_array().map(|x| (x + 0.0).to_bits())).collect();
+            bits.sort_unstable();
+            bits
+        };
+        assert_eq!(sorted(&split.points), sorted(&fine.points));
+        assert!((0..128).all(|f| split.parents.iter().filter(|&&p| p == f).count() == 4));
+    }
+
+    #[test]
+    fn nothing_split_is_the_same_sphere() {
+        let sphere = octahedron(1).unwrap();
+        let same = subdivide(&sphere.points, &sphere.faces, &[]).unwrap();
+        assert_eq!((same.points, same.faces), (sphere.points.clone(), sphere.faces.clone()));
+        assert!(
+            subdivide(&sphere.points, &sphere.faces, &[0, 32])
+                .unwrap_err()
+                .to_string()
+                .starts_with("which[1] is 32")
+        );
+    }
+
+    fn smallest_angle(points: &[DVec3], faces: &[[u32; 3]]) -> f64 {
+        let angle = |f: &[u32; 3], i: usize| {
+            let [a, b, c] = [0, 1, 2].map(|k| points[f[(i + k) % 3] as usize]);
+            (b - a).angle_between(c - a)
+        };
+        faces.iter().flat_map(|f| (0..3).map(move |i| angle(f, i))).fold(f64::MAX, f64::min)
+    }
+
+    #[test]
+    fn angles_do_not_vanish_when_one_spot_is_split_again_and_again() {
+        let mut sphere = octahedron(1).unwrap();
+        let before = smallest_angle(&sphere.points, &sphere.faces);
+        for round in 0..14 {
+            let locator = Locator::new(&arrays(&sphere.points), &sphere.faces).unwrap();
+            let mut face = [0];
+            locator.locate(&[[0.31, 0.52, -0.8]], &mut face).unwrap();
+            let finer = subdivide(&sphere.points, &sphere.faces, &face).unwrap();
+            // A few faces, wherever and however small: the work stays near.
+            assert!(finer.faces.len() - sphere.faces.len() < 40, "round {round} made {}", finer.faces.len());
+            (sphere.points, sphere.faces) = (finer.points, finer.faces);
+            assert!(smallest_angle(&sphere.points, &sphere.faces) > 0.45 * before, "round {round}");
+        }
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+        #[test]
+        fn what_is_left_is_a_sphere_again(choices in prop::collection::vec(prop::collection::vec(any::<prop::sample::Index>(), 0..12), 1..5)) {
+            let mut sphere = octahedron(1).unwrap();
+            for choice in choices {
+                let which: Vec<u32> = choice.iter().map(|i| i.index(sphere.faces.len()) as u32).collect();
+                let finer = subdivide(&sphere.points, &sphere.faces, &which).unwrap();
+                Locator::new(&arrays(&finer.points), &finer.faces).unwrap();
+                prop_assert_eq!(&finer.points[..sphere.points.len()], &sphere.points[..]);
+                prop_assert_eq!(finer.faces.len(), 2 * finer.points.len() - 4);
+                for f in 0..sphere.faces.len() as u32 {
+                    let parts = finer.parents.iter().filter(|&&p| p == f).count();
+                    prop_assert!(parts <= 4 && (parts == 4 || !which.contains(&f)));
+                    if parts == 1 {
+                        prop_assert_eq!(finer.faces[f as usize], sphere.faces[f as usize]);
+                    }
+                }
+                (sphere.points, sphere.faces) = (finer.points, finer.faces);
+            }
+        }
+    }
+}
