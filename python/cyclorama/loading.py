@@ -82,8 +82,8 @@ def load(source: Any) -> Scene:
 
     Polygons of more than three corners are cut into triangles: in OFF files and PyVista meshes as a fan in place,
     which is right for convex polygons, others are refused; in other files by trimesh, which may put the pieces after
-    the triangles of the file. OBJ, which says nowhere how much it holds, cannot be told from a shorter file when it
-    was cut among its faces.
+    the triangles of the file. Faces of an OBJ file come material by material, in the order of trimesh. OBJ, which says
+    nowhere how much it holds, cannot be told from a shorter file when it was cut among its faces.
 
     Examples
     --------
@@ -324,13 +324,14 @@ def _read_open3d(mesh: Any) -> Iterable[_Part]:
     part = _Part(np.array(mesh.vertices), np.array(mesh.triangles))
     if mesh.has_vertex_colors():
         part.vertex_colors = _unit_bytes(np.asarray(mesh.vertex_colors))
-    elif mesh.has_triangle_uvs() and len(mesh.textures) and not any(image.is_empty() for image in mesh.textures):
+    elif mesh.has_triangle_uvs() and any(not image.is_empty() for image in mesh.textures):
         uv = np.asarray(mesh.triangle_uvs).reshape(-1, 3, 2)
         material = np.asarray(mesh.triangle_material_ids) if mesh.has_triangle_material_ids() else np.zeros(len(uv))
-        part.face_colors = np.empty((len(uv), 3), dtype=np.uint8)
+        part.face_colors = np.tile(UNCOLORED, (len(uv), 1))
         for index, image in enumerate(mesh.textures):
             mine = material == index
-            part.face_colors[mine] = _texels(_rgb(np.asarray(image)), uv[mine], from_top=True)
+            if mine.any() and not image.is_empty():  # Open3D keeps the images of legacy meshes upside down
+                part.face_colors[mine] = _texels(_rgb(np.asarray(image)), uv[mine], from_top=True)
     yield part
 
 
@@ -348,7 +349,7 @@ def _read_open3d_tensor(mesh: Any) -> Iterable[_Part]:
         part.face_colors = _unit_bytes(array(mesh.triangle["colors"]))
     elif "texture_uvs" in mesh.triangle and mesh.has_valid_material() and "albedo" in mesh.material.texture_maps:
         image = _rgb(array(mesh.material.texture_maps["albedo"].as_tensor()))
-        part.face_colors = _texels(image, array(mesh.triangle["texture_uvs"]), from_top=True)
+        part.face_colors = _texels(image, array(mesh.triangle["texture_uvs"]), from_top=False)
     yield part
 
 

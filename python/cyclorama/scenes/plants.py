@@ -95,7 +95,8 @@ def tree(faces: int = 20_000, *, seed: int = 0) -> Scene:
     random = np.random.default_rng(seed)
     start, end = np.zeros((1, 3)), np.array([[0.05, 1.1, 0.03]])
     thick = np.array([0.075])
-    parts, total, children = [], 0, 5
+    parts: list[Mesh] = []
+    total, children = 0, 5
     while not parts or total + children * len(start) * BRANCH_FACES <= 0.4 * faces:
         if parts:
             start, end, thick = _forks(start, end, thick, children, random)
@@ -108,7 +109,7 @@ def tree(faces: int = 20_000, *, seed: int = 0) -> Scene:
     out = _directions(random, leaves)
     place = start[twig] + along * (end - start)[twig] + out * random.uniform(0.02, 0.28, (leaves, 1)) * spread
     direction = out + 0.8 * (end - start)[twig] / spread + [0.0, -0.25, 0.0]
-    size = np.full(leaves, 0.5 * (3.0 / max(leaves, 12)) ** 0.4) * random.uniform(0.7, 1.25, leaves)
+    size = np.full(leaves, 2.0 * (3.0 / max(leaves, 200)) ** 0.4) * random.uniform(0.7, 1.25, leaves)
     shade = random.uniform(0.0, 1.0, (leaves, 1))
     tint = np.array([58, 112, 44]) + shade * np.array([92, 66, 30])
     bark = np.full((total, 3), [112, 84, 62])
