@@ -1,0 +1,118 @@
+"""Charts of error against cost; needs matplotlib."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from .files import whole_file
+from .tradeoff import COLORS, COSTS
+
+if TYPE_CHECKING:
+    from .tradeoff import Tradeoff
+
+__all__ = ["draw"]
+
+#: Costs whose axes are logarithmic; a share is not.
+LOGARITHMIC = ("bytes", "time", "query")
+
+INK, FAINT, FRONT = "#222222", "#9a9a9a", "#f2c14e"
+
+
+def draw(chart: Tradeoff, costs: Sequence[str], path: str | os.PathLike[str] | None) -> Any:
+    """One panel for each cost, all with the same axis of error; see `Tradeoff.plot`."""
+    from matplotlib.figure import Figure
+
+    series = chart.series
+    if not series:
+        raise ValueError("no row has a figure to draw: all of them failed")
+    floor, zero = _levels([row["missed"] for rows in series.values() for row in rows])
+    figure = Figure(figsize=(5.4 * len(costs) + 0.6, 5.2), layout="constrained", facecolor="white")
+    panels = figure.subplots(1, len(costs), sharey=True, squeeze=False)[0]
+    for number, (panel, cost) in enumerate(zip(panels, costs, strict=True)):
+        _panel(panel, chart, cost, floor, zero)
+        if number == 0:
+            panel.set_ylabel("pixels missed, mean share", color=INK)
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=min(4, len(labels)), frameon=False)
+    figure.suptitle(
+        f"What accuracy costs: {chart.faces:,} faces, {chart.eval_views} random views for each point", color=INK
+    )
+    if path is not None:
+        with whole_file(path) as file:
+            figure.savefig(file, dpi=160, format=os.fspath(path).rsplit(".", 1)[-1].lower())
+    return figure
+
+
+def _levels(missed: Sequence[float]) -> tuple[float, float | None]:
+    """The lowest decade of the axis, and where on it "none" is drawn, if anything missed none."""
+    positive = [value for value in missed if value > 0]
+    floor = 10.0 ** math.floor(math.log10(min(positive))) if positive else 1e-6
+    return floor, floor / 10**0.6 if len(positive) < len(missed) else None
+
+
+def _panel(panel: Any, chart: Tradeoff, cost: str, floor: float, zero: float | None) -> None:
+    def height(missed: float) -> float:
+        return missed if missed > 0 or zero is None else zero
+
+    front = chart.pareto(cost)
+    panel.plot(
+        [row[cost] for row in front],
+        [height(row["missed"]) for row in front],
+        color=FRONT,
+        linewidth=9,
+        alpha=0.55,
+        solid_capstyle="round",
+        solid_joinstyle="round",
+        zorder=1,
+        label="nothing is cheaper and better",
+    )
+    for number, (name, rows) in enumerate(chart.series.items()):
+        color = COLORS[number % len(COLORS)]
+        x, y = [row[cost] for row in rows], [height(row["missed"]) for row in rows]
+        low = [
+            max(0.0, h - max(row["missed_low"], floor)) if row["missed"] > 0 else 0.0
+            for h, row in zip(y, rows, strict=True)
+        ]
+        high = [max(0.0, row["missed_high"] - h) if row["missed"] > 0 else 0.0 for h, row in zip(y, rows, strict=True)]
+        panel.errorbar(x, y, yerr=[low, high], fmt="none", ecolor=color, elinewidth=1, alpha=0.45, zorder=2)
+        panel.plot(x, y, "-o", color=color, markersize=6, linewidth=1.4, label=name, zorder=3, markeredgecolor="white")
+        if number == 0:
+            for across, up, row in zip(x, y, rows, strict=True):
+                panel.annotate(
+                    f"{row['views']:,}",
+                    (across, up),
+                    xytext=(7, 6),
+                    textcoords="offset points",
+                    fontsize=8.5,
+                    color=color,
+                    zorder=4,
+                )
+    panel.set_yscale("log")
+    if cost in LOGARITHMIC:
+        panel.set_xscale("log")
+    else:
+        panel.set_xlim(0, None)
+    top = max([floor * 10, *(row["missed_high"] for rows in chart.series.values() for row in rows)])
+    panel.set_ylim(floor / (10 if zero is not None else 1.3), min(1.0, top * 2))
+    if zero is not None:
+        panel.axhspan(floor / 10, floor, color="#f0f0f0", zorder=0, linewidth=0)
+        panel.text(
+            0.985,
+            0.02,
+            f"none missed in {chart.eval_views} views",
+            transform=panel.transAxes,
+            ha="right",
+            fontsize=8.5,
+            color="#666666",
+        )
+    panel.set_xlabel(COSTS[cost], color=INK)
+    panel.grid(True, which="major", color="#e4e4e4", linewidth=0.8)
+    panel.set_axisbelow(True)
+    for side in ("top", "right"):
+        panel.spines[side].set_visible(False)
+    for side in ("left", "bottom"):
+        panel.spines[side].set_color(FAINT)
+    panel.tick_params(colors=INK, which="both", color=FAINT)

@@ -1,0 +1,69 @@
+"""Files that are whole or not there."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO
+
+__all__ = ["check_writable", "whole_file"]
+
+
+@contextmanager
+def whole_file(path: str | os.PathLike[str]) -> Iterator[IO[bytes]]:
+    """A file that takes its name only when the block ends well; until then the name keeps what it had.
+
+    Parameters
+    ----------
+    path : path
+
+    Raises
+    ------
+    OSError
+        If the folder is not there or can't be written to.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     with whole_file(Path(folder) / "answer") as file:
+    ...         _ = file.write(b"42")
+    ...     (Path(folder) / "answer").read_bytes()
+    b'42'
+    """
+    final = Path(path)
+    try:
+        handle, name = tempfile.mkstemp(dir=final.parent, prefix=final.name, suffix=".part")
+    except OSError as error:
+        raise type(error)(error.errno, f"cannot write there: {error.strerror}", str(final)) from None
+    try:
+        with os.fdopen(handle, "wb") as file:
+            yield file
+        mask = os.umask(0)
+        os.umask(mask)
+        os.chmod(name, 0o666 & ~mask)
+        os.replace(name, final)
+    except BaseException:
+        os.unlink(name)
+        raise
+
+
+def check_writable(path: str | os.PathLike[str]) -> None:
+    """Finds out before long work whether its result can be written; leaves nothing behind.
+
+    Raises
+    ------
+    OSError
+        If not: the folder is not there or read-only, or `path` is a folder.
+    """
+    final = Path(path)
+    if final.is_dir():
+        raise IsADirectoryError(f"{final} is a folder, not a file to write")
+    try:
+        with tempfile.TemporaryFile(dir=final.parent):
+            pass
+    except OSError as error:
+        raise type(error)(error.errno, f"cannot write there: {error.strerror}", str(final)) from None
