@@ -40,19 +40,19 @@ def curve(scene: cyc.Scene, args: argparse.Namespace, strategy: str, fill: str |
     # Neighbours take their turns too: what they find near the common edge is shared.
     prober = Prober(points, faces, args.seed, strategy)
     around = np.unique(np.concatenate([chosen, prober.across[chosen].ravel()]))
-    looker = Looker(scene, framing, fill=fill)
+    looker = Looker(scene, framing)
     where, home = held_out(points, faces, chosen, args.held_out)
     rows, spent, seconds = [], 0, 0.0
     for step in STEPS:
         begin = time.perf_counter()
         while spent < step:
             probes = prober.place(around, spent, 4)
-            seen, missed = looker.probe(probes.directions, cells.rows, probes.home)
-            cells.learn(probes, seen)
+            seen, missed = looker.probe(probes.directions, cells.rows, probes.home, fill=fill)
+            cells.learn(probes.learners, seen)
             prober.tell(probes, missed)
             spent += 4
         seconds += time.perf_counter() - begin
-        missed = looker.probe(where, cells.rows, home, fill=False)[1]
+        missed = looker.probe(where, cells.rows, home)[1]
         culled = 1 - bitfield.count(cells.rows[chosen]).mean() / len(scene)
         rows.append({"probes": step, "missed": missed.mean(), "culled": culled, "ms": 1e3 * seconds / len(around)})
     return rows

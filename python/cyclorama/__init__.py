@@ -4,6 +4,7 @@ from . import bitfield, patches, scenes, sphere
 from .baking import bake
 from .bitfield import Bitfields
 from .camera import Camera
+from .evaluation import Evaluation, evaluate
 from .loading import describe, load
 from .render import BACKGROUND, View
 from .scene import Scene
@@ -15,6 +16,7 @@ __all__ = [
     "BACKGROUND",
     "Bitfields",
     "Camera",
+    "Evaluation",
     "Scene",
     "View",
     "Visibility",
@@ -22,6 +24,7 @@ __all__ = [
     "bake",
     "bitfield",
     "describe",
+    "evaluate",
     "load",
     "patches",
     "scenes",

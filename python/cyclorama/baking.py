@@ -1,8 +1,9 @@
 """The bake: which faces are seen from where, for every direction around a scene.
 
-`join="samples"` is the papers' way: what an eye between viewpoints sees is taken to be what the three (or six) viewpoints around it
-see (2001, section 3.2; 2002, sections 3.2 to 3.4). That misses what only a view between them sees (2001, figure 4). `join="cells"`
-gives each face of the view sphere a row of its own, which begins with its corners and grows by what probes inside it see.
+`join="samples"` is the papers' way: what an eye between viewpoints sees is taken to be what the three (or six)
+viewpoints around it see (2001, section 3.2; 2002, sections 3.2 to 3.4). That misses what only a view between them sees
+(2001, figure 4). `join="cells"` gives each face of the view sphere a row of its own, which begins with its corners and
+grows by what probes inside it see.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ __all__ = ["bake"]
 
 Words = npt.NDArray[np.uint64]
 Floats = npt.NDArray[np.float64]
-Views = int | npt.ArrayLike | Sequence[Camera]
+Views = int | Sequence[Camera] | npt.ArrayLike
 
 
 def bake(
@@ -58,11 +59,11 @@ def bake(
         F faces. Transparent ones hide nothing and are in every answer (2001, section 3.4).
     views : int, (N, 3) array_like of float, or sequence of Camera
         A size of the octahedral sphere (6, 18, 66, 258, 1026, 4098; 2002, section 3.2.1), any other number from 4 for a
-        Fibonacci sphere; directions from the scene's centre; or the author's own shots, taken as they are. Directions and
-        shots have to surround the scene.
+        Fibonacci sphere; directions from the scene's centre; or the author's own shots, taken as they are. Directions
+        and shots have to surround the scene.
     patches : int, (F,) array_like of int, or None
-        Number of patches to tile the scene into, or the patch of each face; rows then have a bit per patch, which is visible if any of
-        its faces is.
+        Number of patches to tile the scene into, or the patch of each face; rows then have a bit per patch, which is
+        visible if any of its faces is.
     resolution : (int, int)
         Width and height of the images in pixels.
     fov_y : float
@@ -70,20 +71,21 @@ def bake(
     fill : {"rays", "neighbours", None}
         How visible faces that own no pixel are found; see `Scene.visible`.
     join : {"cells", "samples"}
-        Whether each face of the view sphere gets a row of its own, with what probes inside it see, or is answered by the
-        union of the samples around it, as in the papers.
+        Whether each face of the view sphere gets a row of its own, with what probes inside it see, or is answered by
+        the union of the samples around it, as in the papers.
     progress : bool, callable or None
         See `cyclorama.progress`; units are views.
     max_missed : float, optional
         Find views, patches and resolution that miss no more than this share of the pixels; see `cyclorama.adaptive`.
         `views` is then the sphere to begin with, and `statement` says what was reached, and how surely.
     distances : sequence of float, optional
-        Distances to bake, in sampling radii, each outside the bounding sphere; infinity for parallel rays. By default the
-        sampling radius alone.
+        Distances to bake, in sampling radii, each outside the bounding sphere; infinity for parallel rays. By default
+        the sampling radius alone.
     join_count : {3, 6}
         Samples that `join="samples"` joins.
     probes : int
-        Most probes for each face of the view sphere; 0 for none. A face is done earlier when its last four found nothing new.
+        Most probes for each face of the view sphere; 0 for none. A face is done earlier when its last four found
+        nothing new.
     strategy : {"edges", "spread", "random", "guided"}
         Where probes look from; see `cyclorama.probing`.
     seed : int
@@ -98,8 +100,8 @@ def bake(
     Raises
     ------
     ValueError
-        If an argument is not of its kind or range, views do not surround the scene, two are in the same direction, or one is at
-        its centre. The message names the argument, the index and the value.
+        If an argument is not of its kind or range, views do not surround the scene, two are in the same direction, or
+        one is at its centre. The message names the argument, the index and the value.
 
     Examples
     --------
@@ -114,7 +116,7 @@ def bake(
     if max_missed is not None:
         from . import adaptive
 
-        if join != "cells" or shells_at != [1.0] or _is_shots(views):
+        if join != "cells" or shells_at != [1.0] or _shots(views) is not None:
             raise ValueError("max_missed= needs join='cells', no distances= and no cameras: it places views itself")
         return adaptive.bake_within(
             scene, max_missed, views, patches, framing, fill, probes, strategy, seed, threads, progress
@@ -182,8 +184,8 @@ def view_points(scene: Scene, views: Views) -> tuple[Floats, npt.NDArray[np.uint
             return (*sphere.octahedron(level), None)
         points = sphere.fibonacci(count)
         return points, sphere.hull(points), None
-    if _is_shots(views):
-        shots = list(views)  # type: ignore[arg-type]
+    shots = _shots(views)
+    if shots is not None:
         offsets = np.array([camera.eye - scene.center for camera in shots])
         for index in np.flatnonzero(~offsets.any(axis=1)):
             raise ValueError(f"views[{index}] is a camera at the scene's centre: it has no direction from there")
@@ -275,5 +277,12 @@ def _distances(framing: Framing, distances: Sequence[float] | None) -> list[floa
     return values
 
 
-def _is_shots(views: Views) -> bool:
-    return isinstance(views, Sequence) and len(views) > 0 and isinstance(views[0], Camera)
+def _shots(views: Views) -> list[Camera] | None:
+    """The author's cameras, if that is what `views` is."""
+    if not isinstance(views, Sequence) or isinstance(views, str | bytes):
+        return None
+    shots = [camera for camera in views if isinstance(camera, Camera)]
+    if shots and len(shots) < len(views):
+        index = next(k for k, camera in enumerate(views) if not isinstance(camera, Camera))
+        raise ValueError(f"views[{index}] is no camera, others are: {views[index]!r}")
+    return shots or None

@@ -1,21 +1,22 @@
 """What a finite number of views says about the mean over all of them.
 
-The share of pixels that a view misses lies in [0, 1], is zero for most views and is large for a few. The interval of Student's
-t, which leans on the centre of the data, is too short for it. Here are two others:
+The share of pixels that a view misses lies in [0, 1], is zero for most views and is large for a few. The interval of
+Student's t, which leans on the centre of the data, is too short for it. Here are two others:
 
 * :func:`upper_mean` holds for every distribution on [0, 1] and every number of views, and costs what that must cost:
   no fewer than about ``3 / e`` views can show a mean below ``e`` with 95 % confidence, whatever they say.
-* :func:`bootstrap_interval` asks the views themselves how skewed they are (bootstrap-t on the mean). It is right for many
-  views, too short where the rare bad view is not among them.
+* :func:`bootstrap_interval` asks the views themselves how skewed they are (bootstrap-t on the mean). It is right for
+  many views, too short where the rare bad view is not among them.
 
 Why ``upper_mean`` holds. Bet on "the mean is at least m": from a capital of 1, every view x multiplies the capital by
 ``1 + b (m - x)`` for a stake ``0 <= b <= 1``. It never becomes negative, and if the mean really is m or more, no view
 is expected to raise it. So the chance that it ever reaches 20 is at most 1/20 (Ville's inequality): a mean m for which
-it did is refused with 95 % confidence, at whichever view one stops. The bound is the least m that is refused. A mixture of
-stakes is a capital too, so no stake has to be chosen.
+it did is refused with 95 % confidence, at whichever view one stops. The bound is the least m that is refused. A
+mixture of stakes is a capital too, so no stake has to be chosen.
 
-If what is measured improves meanwhile (a view is scored first and then learned from), the capital for the last, smallest mean grows
-no faster than the one whose every bet is on the mean of its own time; so the bound holds for the last state as well.
+If what is measured improves meanwhile (a view is scored first and then learned from), the capital for the last,
+smallest mean grows no faster than the one whose every bet is on the mean of its own time; so the bound holds for the
+last state as well.
 """
 
 from __future__ import annotations
@@ -25,7 +26,8 @@ import numpy.typing as npt
 
 __all__ = ["bootstrap_interval", "upper_mean"]
 
-#: Stakes of the mixture; the largest is right for views that nearly all miss next to nothing, and gets half of the capital.
+#: Stakes of the mixture; the largest is right for views that nearly all miss next to nothing, and gets half of the
+#: capital.
 STAKES = 2.0 ** -np.arange(6)
 WEIGHTS = np.array([0.5, 0.1, 0.1, 0.1, 0.1, 0.1])
 
@@ -85,7 +87,8 @@ def bootstrap_interval(
     Returns
     -------
     (low, high) : tuple of float
-        Both ends, within [0, 1]. If no value differs from the others, that value twice: the interval can't tell; see :func:`upper_mean`.
+        Both ends, within [0, 1]. If no value differs from the others, that value twice: the interval can't tell; see
+        :func:`upper_mean`.
 
     Raises
     ------

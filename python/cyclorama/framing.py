@@ -1,7 +1,8 @@
 """Cameras around a scene that hold all of it in their image (2002, section 3.2.1).
 
-The scene's bounding sphere touches the nearer pair of image borders. At the sampling radius that takes the asked field of view; nearer or farther
-the field of view follows, so that the scene fills the image from everywhere; infinitely far the camera is orthographic.
+The scene's bounding sphere touches the nearer pair of image borders. At the sampling radius that takes the asked field
+of view; nearer or farther the field of view follows, so that the scene fills the image from everywhere; infinitely far
+the camera is orthographic.
 """
 
 from __future__ import annotations

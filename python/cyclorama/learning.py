@@ -11,7 +11,7 @@ import numpy.typing as npt
 from . import _core
 from .camera import Camera
 from .framing import Framing
-from .probing import Prober, Probes
+from .probing import Prober
 from .render import Fill
 from .scene import Scene
 
@@ -24,9 +24,9 @@ Ints = npt.NDArray[np.int64]
 #: Probes of a sphere face that are taken at once, before the next look at whether it needs more.
 STEP = 4
 
-#: A sphere face is done when its last STEP probes missed less than this share of their pixels on average: a pixel
-#: in four views of 510 x 480 that a model half fills.
-TOLERANCE = 2e-6
+#: A sphere face is done when its last STEP probes missed less than this share of their pixels on average: about one
+#: pixel in four views of 510 x 480 that a model half fills.
+TOLERANCE = 5e-6
 
 #: Bytes of rows that one call to the kernel fills.
 _BATCH_BYTES = 1 << 26
@@ -79,7 +79,13 @@ class Looker:
         return found.words
 
     def probe(
-        self, directions: Floats, rows: Words, row_of: Ints, labels: npt.NDArray[np.uint32] | None = None, *, fill: bool = True
+        self,
+        directions: Floats,
+        rows: Words,
+        row_of: Ints,
+        labels: npt.NDArray[np.uint32] | None = None,
+        *,
+        fill: Fill = None,
     ) -> tuple[Words, Floats]:
         """Asks rows what they miss of some views.
 
@@ -93,8 +99,9 @@ class Looker:
             The row that each view is to be answered by.
         labels : (F,) ndarray of uint32, optional
             Patch of each face.
-        fill : bool
-            Whether to look for faces that own no pixel, too; not with `labels`.
+        fill : {"rays", "neighbours", None}
+            How faces that own no pixel are looked for; not with `labels`. Measured (``benches/probes.py``): for the
+            time of one probe with rays, several without find more.
 
         Returns
         -------
@@ -109,10 +116,14 @@ class Looker:
         covered, missed = _core.visibility_probe(
             self.scene._mesh, cameras, rows, home, seen, labels, self.threads, self._progress()
         )
-        if fill and self.fill is not None and labels is None:
+        if fill is not None and labels is None:
             known = rows[home]
             found = self.scene.visible(
-                self.framing.cameras(directions, self.distance), self.fill, known=known | seen, threads=self.threads, progress=False
+                self.framing.cameras(directions, self.distance),
+                fill,
+                known=known | seen,
+                threads=self.threads,
+                progress=False,
             )
             seen |= found.words & ~known
         self.done += len(directions)
@@ -130,10 +141,13 @@ class Cells:
     ----------
     rows : (M, W) ndarray of uint64
         What the corners of each sphere face see; changed in place.
+    archive : list or None
+        Gets the directions of all probes and what they saw, batch by batch, for those who split sphere faces later.
     """
 
-    def __init__(self, rows: Words) -> None:
+    def __init__(self, rows: Words, archive: list[tuple[Floats, Words]] | None = None) -> None:
         self.rows = rows
+        self.archive = archive
         self.probes = np.zeros(len(rows), dtype=np.int64)
         self.scores: list[tuple[int, Floats]] = []
 
@@ -145,14 +159,16 @@ class Cells:
             rows |= samples[faces[:, k]]
         return cls(rows)
 
-    def learn(self, probes: Probes, seen: Words) -> None:
-        """Sets in the rows of each probe's learners what it saw."""
-        for learners, row in zip(probes.learners.tolist(), seen, strict=True):
-            for cell in learners:
+    def learn(self, learners: Ints, seen: Words) -> None:
+        """Sets in the rows of each probe's learners (-1: none) what it saw."""
+        for cells, row in zip(learners.tolist(), seen, strict=True):
+            for cell in cells:
                 if cell >= 0:
                     self.rows[cell] |= row
 
-    def probe(self, looker: Looker, prober: Prober, cells: Ints, limit: int, tolerance: float = TOLERANCE) -> Ints:
+    def probe(
+        self, looker: Looker, prober: Prober, cells: Ints, limit: int, tolerance: float = TOLERANCE, first: int = 0
+    ) -> tuple[Ints, Floats]:
         """Probes some sphere faces until each is done, or has spent its limit.
 
         Parameters
@@ -162,30 +178,38 @@ class Cells:
         prober : Prober
             Places them.
         cells : (K,) ndarray of int64
-            Sphere faces, all with the same number of probes spent.
+            Sphere faces.
         limit : int
             Most probes for each.
         tolerance : float
             Mean share of missed pixels over the last probes below which a sphere face is done.
+        first : int
+            Number of the first probe of each.
 
         Returns
         -------
-        (L,) ndarray of int64
+        cells : (L,) ndarray of int64
             The sphere faces that are not done.
+        missed : (L,) ndarray of float64
+            What the last probes of each missed, on average, before they were learned.
         """
+        last = np.full(len(cells), np.inf)
         spent = 0
         while len(cells) and spent < limit:
             count = min(STEP, limit - spent)
-            probes = prober.place(cells, spent, count)
+            probes = prober.place(cells, first + spent, count)
             missed = np.empty(len(probes))
             for start in range(0, len(probes), looker.batch):
                 part = slice(start, start + looker.batch)
                 batch = probes[part]
                 seen, missed[part] = looker.probe(batch.directions, self.rows, batch.home)
-                self.learn(batch, seen)
+                self.learn(batch.learners, seen)
+                if self.archive is not None:
+                    self.archive.append((batch.directions, seen))
             prober.tell(probes, missed)
             self.probes[cells] += count
-            self.scores.append((spent, missed[probes.uniform]))
+            self.scores.append((first + spent, missed[probes.uniform]))
             spent += count
-            cells = cells[missed.reshape(len(cells), count).mean(axis=1) > tolerance]
-        return cells
+            last = missed.reshape(len(cells), count).mean(axis=1)
+            cells, last = cells[last > tolerance], last[last > tolerance]
+        return cells, last

@@ -1,9 +1,10 @@
 """Probes: views inside the faces of a view sphere, placed where they find most of what the corners miss.
 
-A face of the scene that the corners of a sphere face do not see is seen from some part of the sphere face. Such a part is bounded by
-planes through the scene's edges; it is a half-plane, a strip or a wedge far more often than an island. Half-planes that reach a triangle
-hold one of its corners; strips and wedges cross its edges. So every second probe looks from an edge, where two sphere faces learn from it;
-the others are spread over the inside. ``benches/probes.py`` charts this order against others.
+A face of the scene that the corners of a sphere face do not see is seen from some part of the sphere face. Such a part
+is bounded by planes through the scene's edges; it is a half-plane, a strip or a wedge far more often than an island.
+Half-planes that reach a triangle hold one of its corners; strips and wedges cross its edges. So every second probe
+looks from an edge, where two sphere faces learn from it; the others are spread over the inside. ``benches/probes.py``
+charts this order against others.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["STRATEGIES", "Probes", "Prober", "neighbours"]
+__all__ = ["STRATEGIES", "Prober", "Probes", "neighbours"]
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -107,8 +108,6 @@ class Prober:
         number = np.tile(np.arange(first, first + count), len(cells))
         weights = self._inside(home, number)
         uniform = np.ones(len(home), dtype=bool)
-        learners = np.full((len(home), 4), -1, dtype=np.int64)
-        learners[:, 0] = home
         second = number % 2 == 1
         if self.strategy == "edges":
             weights[second] = self._on_edges(home[second], number[second] // 2)
@@ -120,10 +119,17 @@ class Prober:
             self._best[near] /= 2
         if self.strategy in ("edges", "guided"):
             uniform[second] = False
-        close = weights < self.margin
-        learners[:, 1:][close] = self.across[home][close]
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-        return Probes(directions, home, learners, uniform)
+        return Probes(directions, home, self.learners(home, weights), uniform)
+
+    def learners(self, home: Ints, weights: Floats) -> Ints:
+        """(P, 4) sphere faces that learn from views at these barycentric weights of their homes; -1 fills up."""
+        return np.column_stack([home, np.where(weights < self.margin, self.across[home], -1)])
+
+    def weights(self, home: Ints, directions: Floats) -> Floats:
+        """(P, 3) barycentric weights of directions in the sphere faces that they pass through."""
+        weights = np.linalg.solve(np.swapaxes(self.corners[home], 1, 2), directions[:, :, None])[:, :, 0]
+        return np.asarray(weights / weights.sum(axis=1, keepdims=True))
 
     def tell(self, probes: Probes, missed: Floats) -> None:
         """What share of the pixels of each probe was missing: guides the next ones."""

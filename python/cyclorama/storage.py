@@ -1,9 +1,9 @@
 """The file of a bake: one ``.npz`` that plain NumPy opens without pickle.
 
-Members: ``header`` (a JSON text: format, settings, figures), ``points`` (N, 3) and ``sphere_faces`` (M, 3) of the sphere, ``order`` (the
-bit j of a stored row is bit ``order[j]`` of the row in memory: a space-filling order, in which rows are long runs), ``labels`` (F,)
-the patch of each face if there are patches, ``probes`` and ``found``, and for shell k the rows ``bitfields_k`` and ``cells_k`` as
-`cyclorama.bitfield.encode` writes them.
+Members: ``header`` (a JSON text: format, settings, figures), ``points`` (N, 3) and ``sphere_faces`` (M, 3) of the
+sphere, ``order`` (the bit j of a stored row is bit ``order[j]`` of the row in memory: a space-filling order, in which
+rows are long runs), ``labels`` (F,) the patch of each face if there are patches, ``probes`` and ``found``, and for
+shell k the rows ``bitfields_k`` and ``cells_k`` as `cyclorama.bitfield.encode` writes them.
 
 A file is written beside its final name and renamed when it is whole.
 """

@@ -1,13 +1,13 @@
 """What of a scene can be seen from where: the answer side of a bake.
 
-A `Visibility` holds, for each viewpoint of a sphere around the scene, which faces it sees (the 2001 paper's ID-bitfields, or the 2002
-paper's patch bitfields), and for each triangle between viewpoints which faces any eye in it may see (its *cell*). An eye is
-answered by the cells that its rays cross:
+A `Visibility` holds, for each viewpoint of a sphere around the scene, which faces it sees (the 2001 paper's
+ID-bitfields, or the 2002 paper's patch bitfields), and for each triangle between viewpoints which faces any eye in it
+may see (its *cell*). An eye is answered by the cells that its rays cross:
 
 * on the sampling sphere, by the cell that it lies in;
-* farther out, by all cells that a ray from the eye to the scene passes through, at most ``asin(r / R) - asin(r / d)`` from the eye's
-  direction (r the scene's radius, R the sphere's, d the eye's distance). The 2002 paper (section 4.3) takes only
-  the nearest cell, and loses what deep tubes show;
+* farther out, by all cells that a ray from the eye to the scene passes through, at most ``asin(r / R) - asin(r / d)``
+  from the eye's direction (r the scene's radius, R the sphere's, d the eye's distance). The 2002 paper (section 4.3)
+  takes only the nearest cell, and loses what deep tubes show;
 * between the sphere and the scene's bounding sphere, by the cells that the rays cross when followed backward: nothing
   is between the eye and there;
 * inside the bounding sphere, by the whole model;
@@ -99,7 +99,8 @@ class Visibility:
     probes : (M,) ndarray of int64
         Probes spent on each sphere face, over all shells.
     found : (P, 2) ndarray of float64
-        Share of pixels that probe number k of the faces found missing, before it was learned, on average, and of how many faces.
+        Share of pixels that probe number k of the faces found missing, before it was learned, on average, and of how
+        many faces.
     statement : str
         What is known of the error, and how surely; empty if nothing was tested.
     """
@@ -225,8 +226,8 @@ class Visibility:
         Parameters
         ----------
         eye : (3,) array_like of float
-            In the user's units. Where it is decides what is joined; the module's text says how. Inside the scene's bounding
-            sphere that is the whole model.
+            In the user's units. Where it is decides what is joined; the module's text says how. Inside the scene's
+            bounding sphere that is the whole model.
         out : (N,) ndarray of uint32, optional
             Room for the answer; N = F is always enough.
 
