@@ -74,7 +74,7 @@ def house(rooms: int = 8, seed: int = 0) -> House:
     The plan is a rectangle cut again and again through its largest room. Walls are 0.2 thick, rooms 2.6 high; +y is
     up, the floor lies at 0, lengths are metres. Every room can be reached through doors; some doors close circles,
     one leads out, and outer walls have windows without panes. Walls, floor and ceiling are one closed solid; furniture
-    stands free, clear of the doors.
+    stands free, clear of doors and windows.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ def house(rooms: int = 8, seed: int = 0) -> House:
     for room, (x0, z0, x1, z1) in enumerate(plan):
         kind = list(FURNITURE)[int(random.integers(len(FURNITURE)))]
         names.append(f"{kind} {room}")
-        blocked = [opening.span(1.0 if opening.sill == 0.0 else 0.0) for opening in openings if room in opening.rooms]
+        blocked = [opening.span(1.0 if opening.sill == 0.0 else 0.4) for opening in openings if room in opening.rooms]
         inside = np.array([x0, z0]) + THICK / 2, np.array([x1, z1]) - THICK / 2
         pieces += _furnish(FURNITURE[kind], inside, blocked, random)
     mesh = join([piece for piece, _ in pieces])

@@ -10,6 +10,8 @@ from .solids import Mesh, Points, join, refine, sweep
 
 __all__ = ["gear", "pipes"]
 
+# The root of x^4 = x + 1: its inverse powers are steps that fill a cube evenly.
+PLASTIC = 1.2207440846057596
 PAINT = np.array([[200, 90, 70], [86, 140, 190], [220, 180, 90], [110, 165, 110], [170, 170, 178]], dtype=np.uint8)
 
 
@@ -97,7 +99,7 @@ def _knots(lengths: Points, loops: int) -> npt.NDArray[np.int64]:
     return np.concatenate([[0], ends + np.arange(1, len(lengths) + 1)])
 
 
-def pipes(primitives: int = 1_000_000, *, seed: int = 0, sides: int = 6, bends: int = 24) -> Scene:
+def pipes(primitives: int = 1_000_000, *, seed: int = 0, sides: int = 6, bends: int = 12) -> Scene:
     """A uniform tangle of bent pipes that fills the cube [-1, 1]^3: the pipes scene of the 1998 paper, of any size.
 
     Every place is as crowded as every other and most of the scene is hidden from everywhere: no cell of space is
@@ -160,26 +162,32 @@ def _tubes(random: np.random.Generator, number: int, bends: int, sides: int, spa
         return []
     rows, radius = np.arange(number), min(0.2 * spacing, 0.1)
     reach, limit = min(1.8 * spacing, 0.8), 1.0 - 2.0 * radius
-    at = random.uniform(-limit, limit, size=(number, 3))
+    # Starts spread evenly (the R3 sequence, from a random place), or chance would crowd some places more than others.
+    steps = PLASTIC ** -np.arange(1.0, 4.0)
+    at = limit * (2.0 * ((random.uniform(size=3) + rows[:, None] * steps) % 1.0) - 1.0)
 
-    def unit(axis: npt.NDArray[np.int64]) -> Points:
-        """Along the axis at random, but inward where a step could leave the cube."""
-        sign, here = random.choice([-1.0, 1.0], size=number), at[rows, axis]
+    def heading(axis: npt.NDArray[np.int64]) -> tuple[Points, Points]:
+        """A direction along the axis and a length: at random, but inward where that step would leave the cube."""
+        length, sign, here = (
+            random.uniform(4.0 * radius, reach, number),
+            random.choice([-1.0, 1.0], number),
+            at[rows, axis],
+        )
         direction = np.zeros((number, 3))
-        direction[rows, axis] = np.where(np.abs(here + sign * reach) > limit, -np.copysign(1.0, here), sign)
-        return direction
+        direction[rows, axis] = np.where(np.abs(here + sign * length) > limit, -np.copysign(1.0, here), sign)
+        return direction, length[:, None]
 
     axis = random.integers(3, size=number)
-    direction = unit(axis)
+    direction, length = heading(axis)
     angle = 2.0 * np.pi * (np.arange(sides) + 0.5) / sides
     offset = np.zeros((number, sides, 3))
     offset[rows, :, (axis + 1) % 3] = radius * np.cos(angle)
     offset[rows, :, (axis + 2) % 3] = radius * np.sin(angle) * direction[rows, axis][:, None]
     rings = [at[:, None] + offset]
     for bend in range(bends):
-        at += direction * random.uniform(4.0 * radius, reach, size=(number, 1))
+        at += direction * length
         axis = (axis + random.integers(1, 3, size=number)) % 3
-        turn = unit(axis)
+        turn, length = heading(axis)
         # The ring lies on the plane that halves the bend; beyond it, it stands across the new direction.
         lean = np.einsum("nsk,nk->ns", offset, turn)[:, :, None] if bend + 1 < bends else np.zeros((number, sides, 1))
         rings.append(at[:, None] + offset - lean * direction[:, None])
@@ -190,11 +198,12 @@ def _tubes(random: np.random.Generator, number: int, bends: int, sides: int, spa
 
 def _bead(random: np.random.Generator, faces: int, spacing: float) -> Mesh:
     """A tetrahedron of 4 faces or a bipyramid of an even number from 6."""
-    center = random.uniform(-0.9, 0.9, size=3)
+    size = 0.1 * spacing
+    center = random.uniform(size - 1.0, 1.0 - size, size=3)
     sides = max(3, faces // 2)
     angle = 2.0 * np.pi * np.arange(sides) / sides
     ring = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(sides)])
-    vertices = center + 0.1 * spacing * np.concatenate([ring, [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]])
+    vertices = center + size * np.concatenate([ring, [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]])
     here = np.arange(sides)
     after = np.roll(here, -1)
     upper = np.column_stack([here, after, np.full(sides, sides)])

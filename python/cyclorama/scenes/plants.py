@@ -171,6 +171,8 @@ def _leaves(place: Points, direction: Points, size: Points, random: np.random.Ge
 def _grown(faces: int, wood: Mesh, bark: npt.NDArray[np.integer], leafage: Mesh, tint: npt.ArrayLike) -> Scene:
     vertices, triangles = join([wood, leafage])
     colors = np.concatenate([bark, np.repeat(np.asarray(tint, dtype=np.float64), 2, axis=0)])
+    if len(vertices) == faces:  # face colours would be taken for vertex colours
+        vertices = np.concatenate([vertices, vertices[-1:]])
     return Scene(vertices, triangles[:faces], np.clip(colors[:faces], 0, 255).astype(np.uint8))
 
 
