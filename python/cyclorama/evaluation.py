@@ -164,8 +164,9 @@ class Evaluation:
         left.axhline(max(self.mean_missed, 1e-9), color="black", linestyle="--", label=f"mean {self.mean_missed:.1e}")
         left.set(xlabel="view, worst first", ylabel="share of covered pixels missed")
         left.legend()
-        right.bar(self.bins[:-1], self.histogram, width=np.diff(self.bins), align="edge",
-        log=bool(self.histogram.any())) right.set(xlabel="difference of intensity", ylabel="pixels")
+        shown = bool(self.histogram.any())
+        right.bar(self.bins[:-1], self.histogram, width=np.diff(self.bins), align="edge", log=shown)
+        right.set(xlabel="difference of intensity", ylabel="pixels")
         if path is not None:
             figure.savefig(path, dpi=150)
         return figure
