@@ -180,7 +180,7 @@ pub fn tile(
         let Patch { id, area, .. } = tiling.patches[fused as usize];
         queue.push(Reverse(Entry { area, id }));
         left -= 1;
-        if left % FUSIONS_A_STEP == 0 {
+        if left.is_multiple_of(FUSIONS_A_STEP) {
             control.step(FUSIONS_A_STEP)?;
         }
     }

@@ -21,12 +21,15 @@ fn checked<'a>(
     Ok((vertices.iter().copied().map(DVec3::from).collect(), faces))
 }
 
+/// Where each list starts, and the items of all.
+type Lists<'py> = (Bound<'py, PyArray1<u64>>, Bound<'py, PyArray1<u32>>);
+
 #[pyfunction]
 fn face_adjacency<'py>(
     py: Python<'py>,
     vertices: PyReadonlyArray2<'py, f64>,
     faces: PyReadonlyArray2<'py, u32>,
-) -> PyResult<(Bound<'py, PyArray1<u64>>, Bound<'py, PyArray1<u32>>)> {
+) -> PyResult<Lists<'py>> {
     let (positions, faces) = checked(&vertices, &faces)?;
     let lists = py.detach(|| adjacency::face_adjacency(&positions, faces))?;
     let offsets: Vec<u64> = lists.offsets.into_iter().map(|o| o as u64).collect();
