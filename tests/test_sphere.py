@@ -287,6 +287,22 @@ def test_faces_that_are_no_sphere_are_refused():
             sphere.Locator(points, wrong)
 
 
+def test_a_kept_locator_answers_the_same_and_into_an_array_given(any_sphere):
+    points, faces = any_sphere
+    locator, out = sphere.Locator(points, faces), np.empty(len(DIRECTIONS), dtype=np.uint32)
+    assert locator.locate(DIRECTIONS, out=out) is out
+    np.testing.assert_array_equal(out, sphere.locate(points, faces, DIRECTIONS))
+    for count in (3, 6):
+        np.testing.assert_array_equal(locator.surrounding(out, count), sphere.surrounding(faces, out, count))
+    read_only = out.view()
+    read_only.flags.writeable = False
+    for wrong in (out[:-1], out.astype(np.int64), out[None], read_only, np.repeat(out, 2)[::2]):
+        with pytest.raises(ValueError, match="out "):
+            locator.locate(DIRECTIONS, out=wrong)
+    with pytest.raises(ValueError, match="face is"):
+        locator.surrounding(len(faces))
+
+
 def test_no_directions_have_no_faces():
     assert sphere.locate(*sphere.octahedron(1), np.empty((0, 3))).shape == (0,)
 

@@ -7,6 +7,7 @@ origin passes through; lengths never matter.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal, overload
 
@@ -189,9 +190,22 @@ class Locator:
         self._faces = _faces(faces, len(points))
         self._core = _core.Locator(points, self._faces)
 
-    def locate(self, directions: npt.ArrayLike) -> Indices:
-        """The face that each direction passes through, see `locate`."""
-        return self._core.locate(_vectors("directions", directions))
+    def locate(self, directions: npt.ArrayLike, *, out: Indices | None = None) -> Indices:
+        """The face that each direction passes through, see the function `locate`.
+
+        `out`, if given, is a contiguous (M,) uint32 array that the answer is written to and that is returned.
+        """
+        vectors = _vectors("directions", directions)
+        if out is None:
+            return self._core.locate(vectors)
+        if not isinstance(out, np.ndarray) or out.dtype != np.uint32 or out.ndim != 1 or not out.flags.writeable:
+            raise ValueError("out must be a writable (M,) array of uint32")
+        self._core.locate_into(vectors, out)
+        return out
+
+    def surrounding(self, face: npt.ArrayLike, count: int = 3) -> Indices:
+        """The samples around a face or faces, see the function `surrounding`, which this is quicker than."""
+        return _around(self._faces, face, count, self._core.surrounding)
 
 
 def locate(points: npt.ArrayLike, faces: npt.ArrayLike, directions: npt.ArrayLike) -> Indices:
@@ -259,12 +273,17 @@ def surrounding(faces: npt.ArrayLike, face: npt.ArrayLike, count: int = 3) -> In
            [1, 5, 3, 2, 0, 4]], dtype=uint32)
     """
     triangles = _faces(faces)
-    wanted = _indices("face", face, len(triangles), "faces")
+    return _around(triangles, face, count, lambda wanted: _core.surrounding_six(triangles, wanted))
+
+
+def _around(faces: Faces, face: npt.ArrayLike, count: int, six: Callable[[npt.NDArray[np.int64]], Indices]) -> Indices:
+    """The samples around `face`, of any shape; `six` answers for a row of faces."""
+    wanted = _indices("face", face, len(faces), "faces")
     if count == 3:
-        return triangles[wanted]
+        return faces[wanted]
     if count != 6:
         raise ValueError(f"count must be 3 or 6, got {count!r}")
-    return _core.surrounding_six(triangles, wanted.reshape(-1)).reshape(*wanted.shape, 6)
+    return six(wanted.reshape(-1)).reshape(*wanted.shape, 6)
 
 
 def faces_in_cap(points: npt.ArrayLike, faces: npt.ArrayLike, direction: npt.ArrayLike, angle: float) -> Indices:
@@ -508,14 +527,20 @@ def _smallest(words: npt.NDArray[np.uint64], spare: int, greedy: Indices, time_l
     conditions, weights = np.unique(flags[:, flags.any(axis=0)].T, axis=0, return_counts=True)
     if not len(greedy):
         return Cover(greedy, 0)
-    # Variables: a sample is taken; a condition is given up.
-    taken = hstack([csr_array(conditions.astype(np.float64)), identity(len(conditions))])
-    budget = np.concatenate([np.zeros(rows), weights])[None]
+    # Variables: a sample is taken; and, where some may be lost, a condition is given up.
+    taken = csr_array(conditions.astype(np.float64))
+    if spare:
+        taken = hstack([taken, identity(len(conditions))])
+    constraints = [LinearConstraint(taken, lb=1)]
+    cost = np.zeros(taken.shape[1])
+    cost[:rows] = 1
+    if spare:
+        constraints.append(LinearConstraint(np.concatenate([np.zeros(rows), weights])[None], ub=spare))
     result = milp(
-        np.concatenate([np.ones(rows), np.zeros(len(conditions))]),
-        integrality=np.ones(rows + len(conditions)),
+        cost,
+        integrality=np.ones_like(cost),
         bounds=Bounds(0, 1),
-        constraints=[LinearConstraint(taken, lb=1), LinearConstraint(budget, ub=spare)],
+        constraints=constraints,
         options={"time_limit": float(time_limit)},
     )
     best = np.sort(greedy)

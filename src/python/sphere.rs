@@ -8,7 +8,9 @@ use crate::sphere::triangulation::{neighbours, surrounding};
 use crate::sphere::{cap, cover, fibonacci, hull, octahedron, subdivide};
 use glam::DVec3;
 use numpy::ndarray::Array2;
-use numpy::{Element, IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
+use numpy::{
+    Element, IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyReadwriteArray1,
+};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -80,6 +82,27 @@ impl PyLocator {
         let mut located = vec![0; directions.len()];
         py.detach(|| self.0.locate(directions, &mut located))?;
         Ok(located.into_pyarray(py))
+    }
+
+    fn locate_into(
+        &self,
+        py: Python<'_>,
+        directions: PyReadonlyArray2<'_, f64>,
+        mut out: PyReadwriteArray1<'_, u32>,
+    ) -> PyResult<()> {
+        let directions = rows_of::<3, _, _>("directions", &directions)?;
+        let located = out.as_slice_mut().map_err(|_| PyValueError::new_err("out must be contiguous"))?;
+        if located.len() != directions.len() {
+            let text = format!("out has {} entries, directions {}", located.len(), directions.len());
+            return Err(PyValueError::new_err(text));
+        }
+        py.detach(|| self.0.locate(directions, located))?;
+        Ok(())
+    }
+
+    /// The six samples around each face; every one of `face` is below the number of faces.
+    fn surrounding<'py>(&self, py: Python<'py>, face: PyReadonlyArray1<'py, i64>) -> Rows<'py, u32> {
+        matrix(py, face.as_array().iter().map(|&f| self.0.surrounding(f as usize)).collect())
     }
 }
 

@@ -53,24 +53,33 @@ pub fn cover(words: &[u64], width: usize, spare: u64, control: &Control) -> Resu
 
 /// Drops rows, from the last, whose bits the others hold, as far as `needed` bits stay covered.
 fn without_needless(words: &[u64], width: usize, needed: u64, mut picked: Vec<u32>) -> Vec<u32> {
-    let bit = |r: u32, b: usize| words[r as usize * width + b / 64] >> (b % 64) & 1;
+    let row = |r: u32| &words[r as usize * width..][..width];
     let mut holders = vec![0_u32; width * 64];
     for &r in &picked {
-        for (b, holders) in holders.iter_mut().enumerate() {
-            *holders += bit(r, b) as u32;
-        }
+        ones(row(r)).for_each(|bit| holders[bit] += 1);
     }
     let mut count = holders.iter().filter(|&&h| h > 0).count() as u64;
     for k in (0..picked.len()).rev() {
         let r = picked[k];
-        let alone = holders.iter().enumerate().filter(|&(b, &h)| h == 1 && bit(r, b) == 1).count() as u64;
+        let alone = ones(row(r)).filter(|&bit| holders[bit] == 1).count() as u64;
         if count - alone >= needed {
             count -= alone;
-            holders.iter_mut().enumerate().for_each(|(b, h)| *h -= bit(r, b) as u32);
+            ones(row(r)).for_each(|bit| holders[bit] -= 1);
             picked.remove(k);
         }
     }
     picked
+}
+
+/// The bits that are set.
+fn ones(words: &[u64]) -> impl Iterator<Item = usize> {
+    words.iter().enumerate().flat_map(|(w, &word)| {
+        std::iter::successors((word != 0).then_some(word), |&word| {
+            let rest = word & (word - 1);
+            (rest != 0).then_some(rest)
+        })
+        .map(move |word| 64 * w + word.trailing_zeros() as usize)
+    })
 }
 
 fn bits(words: &[u64]) -> u64 {

@@ -4,7 +4,8 @@
 //! Points are inserted one by one; each sees some faces from outside, which it replaces by a fan. Whether
 //! it sees a face is decided exactly, and a face whose plane it lies in counts as unseen. So every point
 //! stays, also where many lie on one circle (the corners of a cube): the polygon they span is cut into
-//! triangles, in one of the possible ways.
+//! triangles, in one of the possible ways. The exact look-up ([`super::locate`]) asks for no less: every
+//! face wound outward, to the last bit.
 
 use super::direction::{normalized, side, unit, volume};
 use super::triangulation::edge;
