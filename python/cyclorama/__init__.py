@@ -1,11 +1,14 @@
 """Cyclorama decides ahead of time what of a 3D scene can be seen from where."""
 
 from . import bitfield, patches, scenes, sphere
+from .assembly import Assembly
 from .baking import bake
 from .bitfield import Bitfields
 from .camera import Camera
 from .evaluation import Evaluation, evaluate
 from .loading import describe, load
+from .merging import merge
+from .paths import PathVisibility, bake_path
 from .render import BACKGROUND, View
 from .scene import Scene
 from .visibility import Visibility
@@ -14,18 +17,22 @@ __version__ = "0.1.0"
 
 __all__ = [
     "BACKGROUND",
+    "Assembly",
     "Bitfields",
     "Camera",
     "Evaluation",
+    "PathVisibility",
     "Scene",
     "View",
     "Visibility",
     "__version__",
     "bake",
+    "bake_path",
     "bitfield",
     "describe",
     "evaluate",
     "load",
+    "merge",
     "patches",
     "scenes",
     "sphere",

@@ -121,7 +121,7 @@ def bake_within(
 
 
 def _resolution(looker: Looker, points: Floats, max_missed: float) -> Framing:
-    """The smallest images whose samples lack at most a share of the allowance, of the same view at the asked resolution."""
+    """The smallest images whose samples lack at most a share of the allowance in the same views at the asked size."""
     directions = points[np.linspace(0, len(points) - 1, min(8, len(points))).astype(int)]
     rows = np.arange(len(directions))
     width, height = looker.framing.resolution
@@ -333,7 +333,8 @@ class _Proof:
         reached = (
             f"mean share of missed pixels over all directions is at most {bound:.3g} with {CONFIDENCE:.0%} confidence"
         )
-        detail = f"from {len(scores):,} random views, each scored before it was learned from; their mean was {scores.mean():.2g}"
+        drawn = f"{len(scores):,} random views, each scored before it was learned from"
+        detail = f"from {drawn}; their mean was {scores.mean():.2g}"
         if bound <= self.max_missed:
             return f"max_missed={self.max_missed:g} reached: {reached} ({detail})"
         return f"max_missed={self.max_missed:g} not reached: {reached} ({detail})"

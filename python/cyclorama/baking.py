@@ -172,7 +172,7 @@ def check_options(*, join: str, join_count: int, probes: int, strategy: str) -> 
 
 
 def view_points(scene: Scene, views: Views) -> tuple[Floats, npt.NDArray[np.uint32], list[Camera] | None]:
-    """Directions of viewpoints, the sphere faces between them, and the author's cameras if `views` is a list of such."""
+    """Directions of viewpoints, the sphere faces between them, and the author's cameras if `views` is such."""
     if isinstance(views, bool) or isinstance(views, float):
         raise ValueError(f"views must be a count, directions or cameras, got {views!r}")
     if isinstance(views, int | np.integer):

@@ -93,7 +93,7 @@ class Evaluation:
 
     @property
     def bound(self) -> float:
-        """Upper bound of the mean of `missed` that holds whatever the distribution is, and is never below about 3 / V."""
+        """Upper bound of the mean of `missed` that holds for every distribution, and is never below about 3 / V."""
         return upper_mean(self.missed, self.confidence)
 
     @property
@@ -131,12 +131,13 @@ class Evaluation:
         return "\n".join(
             [
                 f"{d['views']} held-out views at {_spread(self.distances)} sampling radii",
-                f"missed   {d['missed']:.2e} of the covered pixels on average, {percent} interval {d['missed_low']:.1e} to "
-                f"{d['missed_high']:.1e} (bootstrap-t), at most {d['missed_bound']:.1e} whatever the distribution",
-                f"         {d['missed_p99']:.1e} at the 99th percentile, {d['missed_max']:.1e} at worst (view {self.worst}); "
-                f"{d['perfect_views']:.0%} of the views miss nothing",
-                f"culled   {d['culled']:.1%} of the faces: {d['backfacing']:.1%} face away, {d['occluded']:.1%} are hidden; "
-                f"{_share(d['false'])} of the answer is not seen from that very eye",
+                f"missed   {d['missed']:.2e} of the covered pixels on average, {percent} interval "
+                f"{d['missed_low']:.1e} to {d['missed_high']:.1e} (bootstrap-t),",
+                f"         at most {d['missed_bound']:.1e} whatever the distribution; "
+                f"{d['missed_p99']:.1e} at the 99th percentile, {d['missed_max']:.1e} at worst",
+                f"         (view {self.worst}); {d['perfect_views']:.0%} of the views miss nothing",
+                f"culled   {d['culled']:.1%} of the faces: {d['backfacing']:.1%} face away, {d['occluded']:.1%} are "
+                f"hidden; {_share(d['false'])} of the answer is not seen from that very eye",
                 f"time     {d['answer_ms']:.2f} ms to answer, {d['whole_ms']:.2f} ms to draw the whole, "
                 f"{d['culled_ms']:.2f} ms to draw the answer",
                 f"memory   {d['bytes']:,} bytes",
@@ -164,8 +165,8 @@ class Evaluation:
         left.axhline(max(self.mean_missed, 1e-9), color="black", linestyle="--", label=f"mean {self.mean_missed:.1e}")
         left.set(xlabel="view, worst first", ylabel="share of covered pixels missed")
         left.legend()
-        shown = bool(self.histogram.any())
-        right.bar(self.bins[:-1], self.histogram, width=np.diff(self.bins), align="edge", log=shown)
+        widths = np.diff(self.bins)
+        right.bar(self.bins[:-1], self.histogram, width=widths, align="edge", log=bool(self.histogram.any()))
         right.set(xlabel="difference of intensity", ylabel="pixels")
         if path is not None:
             figure.savefig(path, dpi=150)

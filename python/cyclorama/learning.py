@@ -9,13 +9,13 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _core
-from .camera import Camera
+from .camera import Camera, CameraArrays
 from .framing import Framing
 from .probing import Prober
 from .render import Fill
 from .scene import Scene
 
-__all__ = ["Cells", "Looker"]
+__all__ = ["Cells", "Looker", "probe"]
 
 Words = npt.NDArray[np.uint64]
 Floats = npt.NDArray[np.float64]
@@ -111,13 +111,9 @@ class Looker:
             Share of covered pixels whose face is not in the row.
         """
         cameras = self.framing.arrays(directions, self.distance)
-        seen = np.zeros((len(directions), rows.shape[1]), dtype=np.uint64)
-        home = np.ascontiguousarray(row_of, dtype=np.uint32)
-        covered, missed = _core.visibility_probe(
-            self.scene._mesh, cameras, rows, home, seen, labels, self.threads, self._progress()
-        )
+        seen, missed = probe(self.scene, cameras, rows, row_of, labels, threads=self.threads, progress=self._progress())
         if fill is not None and labels is None:
-            known = rows[home]
+            known = rows[row_of]
             found = self.scene.visible(
                 self.framing.cameras(directions, self.distance),
                 fill,
@@ -127,11 +123,28 @@ class Looker:
             )
             seen |= found.words & ~known
         self.done += len(directions)
-        return seen, missed / np.maximum(covered, 1)
+        return seen, missed
 
     def _progress(self) -> Callable[[int], object]:
         before = self.done
         return lambda done: self.report(before + done)
+
+
+def probe(
+    scene: Scene,
+    cameras: CameraArrays,
+    rows: Words,
+    row_of: Ints,
+    labels: npt.NDArray[np.uint32] | None = None,
+    *,
+    threads: int | None = None,
+    progress: Callable[[int], object] | None = None,
+) -> tuple[Words, Floats]:
+    """What rows miss of some cameras' views, and what these show; see `Looker.probe`."""
+    seen = np.zeros((len(row_of), rows.shape[1]), dtype=np.uint64)
+    home = np.ascontiguousarray(row_of, dtype=np.uint32)
+    covered, missed = _core.visibility_probe(scene._mesh, cameras, rows, home, seen, labels, threads, progress)
+    return seen, missed / np.maximum(covered, 1)
 
 
 class Cells:

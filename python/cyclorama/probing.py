@@ -59,7 +59,7 @@ class Probes:
 
 
 class Prober:
-    """Places probes in the faces of a view sphere; what it places depends on the seed and on what was found, on nothing else.
+    """Places probes in the faces of a view sphere, by the seed and by what was found, and by nothing else.
 
     Parameters
     ----------

@@ -31,7 +31,7 @@ import numpy.typing as npt
 from . import bitfield, sphere
 from .bitfield import Bitfields
 from .fingerprint import fingerprint
-from .framing import Framing
+from .framing import Framing, unit_directions
 from .scene import Scene
 from .viewsphere import ViewSphere
 
@@ -39,6 +39,7 @@ __all__ = ["Settings", "Shell", "Visibility"]
 
 Words = npt.NDArray[np.uint64]
 Ids = npt.NDArray[np.uint32]
+Floats = npt.NDArray[np.float64]
 
 #: An eye this near a baked distance, relatively, is at it.
 _SAME_DISTANCE = 1e-9
@@ -198,27 +199,11 @@ class Visibility:
         ValueError
             If `eye` is not three finite numbers.
         """
-        direction, distance = self.sphere.toward(eye)
-        radii = [shell.distance * self.sphere.radius for shell in self.shells]
-        for index, radius in enumerate(radii):
-            if abs(distance - radius) <= _SAME_DISTANCE * distance:
-                return [(index, self.sphere.locate(direction))]
-        if distance <= self.model_radius:
-            return None
-        outer = sum(radius < distance for radius in radii)
-        return [
-            (k, self.sphere.crossed(direction, sphere.crossing_angle(self.model_radius, radii[k], distance)))
-            for k in (outer - 1, outer)
-            if 0 <= k < len(radii)
-        ]
+        return self._crossed(*self.sphere.toward(eye))
 
     def row(self, eye: npt.ArrayLike) -> Words:
         """(W,) words: a bit for each face (or patch) that may be seen from `eye`; see `visible_faces`."""
-        crossed = self.crossed(eye)
-        if crossed is None:
-            return everything(self.bitfields.size)
-        rows = [self._joined(self.shells[index], faces) for index, faces in crossed]
-        return rows[0] if len(rows) == 1 else np.bitwise_or.reduce(rows)
+        return self._row(self.crossed(eye))
 
     def visible_faces(self, eye: npt.ArrayLike, out: Ids | None = None) -> Ids:
         """Faces to draw for an eye anywhere.
@@ -241,16 +226,30 @@ class Visibility:
         ValueError
             If `eye` is not three finite numbers, or `out` is too small.
         """
-        row = self.row(eye)
-        if self.labels is None:
-            return bitfield.ids(row, out=out)
-        found = np.flatnonzero(bitfield.unpack(row, self.bitfields.size)[0][self.labels]).astype(np.uint32)
-        if out is None:
-            return found
-        if len(out) < len(found):
-            raise ValueError(f"out has room for {len(out)} ids, the answer has {len(found)}")
-        out[: len(found)] = found
-        return out[: len(found)]
+        return self._faces(self.row(eye), out)
+
+    def visible_along(self, direction: npt.ArrayLike, out: Ids | None = None) -> Ids:
+        """Faces to draw for a camera of parallel rays.
+
+        Parameters
+        ----------
+        direction : (3,) array_like of float
+            From the scene toward the camera, of any length but zero.
+        out : (N,) ndarray of uint32, optional
+            As for `visible_faces`.
+
+        Returns
+        -------
+        (K,) ndarray of uint32
+            Ascending: what the cells that the rays cross hold together.
+
+        Raises
+        ------
+        ValueError
+            If the direction is zero or not finite, or `out` is too small.
+        """
+        unit = unit_directions(np.asarray(direction, dtype=np.float64)[None])[0]
+        return self._faces(self._row(self._crossed(unit, math.inf)), out)
 
     def visible_patches(self, eye: npt.ArrayLike) -> Ids:
         """(K,) patches to draw for an eye anywhere, ascending; see `visible_faces`.
@@ -333,7 +332,8 @@ class Visibility:
 
     def __repr__(self) -> str:
         units = f"{self.size:,} faces" + (f" in {self.patches:,} patches" if self.patches is not None else "")
-        return f"<Visibility: {units}, {len(self):,} views, {self.culling_rate():.1%} culled, {self.nbytes / 2**20:.1f} MiB>"
+        figures = f"{self.culling_rate():.1%} culled, {self.nbytes / 2**20:.1f} MiB"
+        return f"<Visibility: {units}, {len(self):,} views, {figures}>"
 
     def _repr_html_(self) -> str:
         rows = "".join(
@@ -372,6 +372,37 @@ class Visibility:
         return storage.load(path)
 
     # -----------------------------------------------------------------------------------------------------------------
+
+    def _crossed(self, direction: Floats, distance: float) -> list[tuple[int, npt.NDArray[np.int64]]] | None:
+        radii = [shell.distance * self.sphere.radius for shell in self.shells]
+        for index, radius in enumerate(radii):
+            if distance == radius or abs(distance - radius) <= _SAME_DISTANCE * radius < math.inf:
+                return [(index, self.sphere.locate(direction))]
+        if distance <= self.model_radius:
+            return None
+        outer = sum(radius < distance for radius in radii)
+        return [
+            (k, self.sphere.crossed(direction, sphere.crossing_angle(self.model_radius, radii[k], distance)))
+            for k in (outer - 1, outer)
+            if 0 <= k < len(radii)
+        ]
+
+    def _row(self, crossed: list[tuple[int, npt.NDArray[np.int64]]] | None) -> Words:
+        if crossed is None:
+            return everything(self.bitfields.size)
+        rows = [self._joined(self.shells[index], faces) for index, faces in crossed]
+        return rows[0] if len(rows) == 1 else np.bitwise_or.reduce(rows)
+
+    def _faces(self, row: Words, out: Ids | None) -> Ids:
+        if self.labels is None:
+            return bitfield.ids(row, out=out)
+        found = np.flatnonzero(bitfield.unpack(row, self.bitfields.size)[0][self.labels]).astype(np.uint32)
+        if out is None:
+            return found
+        if len(out) < len(found):
+            raise ValueError(f"out has room for {len(out)} ids, the answer has {len(found)}")
+        out[: len(found)] = found
+        return out[: len(found)]
 
     def _joined(self, shell: Shell, faces: npt.NDArray[np.int64]) -> Words:
         """Union over some faces of the sphere."""
