@@ -160,3 +160,95 @@ def test_morton_order_interleaves_the_digits_of_the_axes():
     np.testing.assert_array_equal(np.sort(order), np.arange(300))
     with pytest.raises(ValueError, match=r"points\[1\]"):
         bitfield.morton_order([[0, 0, 0], [np.inf, 0, 0]])
+
+
+def similar_rows(rows, size, seed=0):
+    """Faces with normals, seen from directions: rows that resemble each other as real ones do."""
+    rng = np.random.default_rng(seed)
+    normals, directions = rng.normal(size=(size, 3)), rng.normal(size=(rows, 3))
+    return (directions @ normals.T > 0.5) & (rng.random((rows, size)) < 0.97)
+
+
+@given(
+    hnp.arrays(np.bool_, st.tuples(st.integers(0, 40), st.integers(0, 150)), elements=st.booleans()),
+    st.integers(0, 3),
+)
+@settings(max_examples=60, deadline=None)
+def test_coded_rows_come_back(flags, zeroed):
+    flags[:zeroed] = False
+    bits = Bitfields.pack(flags)
+    assert bitfield.decode(bitfield.encode(bits.words, bits.size)) == bits
+
+
+@pytest.mark.parametrize("size", [1, 64, 32_767, 32_768, 32_769, 70_000])
+def test_rows_of_one_block_and_of_several_come_back(size):
+    bits = Bitfields.pack(similar_rows(70, size))
+    coded = bitfield.encode(bits.words, size)
+    assert len(coded["starts"]) == -(-size // 32_768) + 1
+    assert bitfield.decode(coded) == bits
+
+
+def test_alike_rows_take_little_and_noise_takes_itself():
+    size = 20_000
+    alike = bitfield.encode(Bitfields.pack(similar_rows(200, size)).words, size)
+    assert len(alike["stream"]) < 200 * size / 8 / 3
+    noise = bitfield.encode(Bitfields.pack(random_flags(50, size, share=0.5)).words, size)
+    assert len(noise["stream"]) < 50 * size / 8 * 1.03
+    empty = bitfield.encode(Bitfields.zeros(1000, size).words, size)
+    assert len(empty["stream"]) < 1000
+    assert not bitfield.decode(empty).words.any()
+
+
+def test_numpy_alone_opens_the_file(tmp_path):
+    bits = Bitfields.pack(similar_rows(30, 5000))
+    np.savez_compressed(tmp_path / "rows.npz", **bitfield.encode(bits.words, bits.size), other=np.arange(3))
+    with np.load(tmp_path / "rows.npz", allow_pickle=False) as arrays:
+        assert bitfield.decode(arrays) == bits
+
+
+@given(st.data())
+@settings(max_examples=80, deadline=None)
+def test_damaged_files_are_refused(data):
+    bits = Bitfields.pack(similar_rows(20, 900))
+    coded = bitfield.encode(bits.words, bits.size)
+    name = data.draw(st.sampled_from(sorted(coded)))
+    array = coded[name]
+    damage = data.draw(st.sampled_from(["drop", "cut", "change", "dtype", "shape"]))
+    if damage == "drop":
+        del coded[name]
+    elif damage == "cut" and array.ndim:
+        coded[name] = array[: data.draw(st.integers(0, len(array) - 1))]
+    elif damage == "dtype":
+        coded[name] = array.astype(float)
+    elif damage == "shape":
+        coded[name] = array[None]
+    else:
+        bytes_of = bytearray(array.tobytes())
+        position = data.draw(st.integers(0, len(bytes_of) - 1))
+        bytes_of[position] ^= data.draw(st.integers(1, 255))
+        coded[name] = np.frombuffer(bytes(bytes_of), dtype=array.dtype).reshape(array.shape)
+    try:
+        decoded = bitfield.decode(coded)
+    except ValueError:
+        return
+    # A changed byte after the last that matters changes nothing; neither does a reference nobody needed.
+    assert decoded == bits
+
+
+@given(hnp.arrays(np.uint8, st.integers(0, 400)), st.integers(0, 3000), st.integers(0, 30))
+@settings(max_examples=60, deadline=None)
+def test_streams_of_noise_are_refused(stream, size, rows):
+    coded = bitfield.encode(Bitfields.zeros(rows, size).words, size)
+    starts = np.linspace(0, len(stream), len(coded["starts"])).astype(np.uint64)
+    coded |= {"stream": stream, "starts": starts, "checksum": coded["checksum"] ^ np.uint64(1)}
+    with pytest.raises(ValueError):
+        bitfield.decode(coded)
+
+
+def test_a_size_beyond_all_memory_is_refused_at_once():
+    coded = bitfield.encode(Bitfields.zeros(3, 100).words, 100)
+    with pytest.raises(ValueError, match="there are 1 blocks"):
+        bitfield.decode(coded | {"size": np.array(2**62, dtype=np.uint64)})
+    references = np.full((10_000, 8), 0xFFFF, dtype=np.uint16)
+    with pytest.raises(ValueError, match="bytes are too few for 10000 rows"):
+        bitfield.decode(coded | {"references": references, "size": np.array(30_000, dtype=np.uint64)})

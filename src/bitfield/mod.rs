@@ -7,7 +7,9 @@
 //! Loops go over one word at a time and leave the vectors to the compiler. Where the processor has
 //! wider instructions than the build assumes, the same loops are compiled a second time for them.
 
+pub mod coding;
 mod order;
+mod range;
 
 pub use order::{morton_order, reorder};
 
@@ -49,9 +51,9 @@ pub fn check(words: &[u64], size: usize) -> Result<(), Error> {
 
 /// Compiles a loop for the build's processor and again for AVX2 and AVX-512 machines; the widest runs.
 macro_rules! widest {
-    ($(#[$doc:meta])* pub fn $name:ident($($arg:ident: $type:ty),*) $(-> $result:ty)? = $body:path) => {
+    ($(#[$doc:meta])* $vis:vis fn $name:ident($($arg:ident: $type:ty),*) $(-> $result:ty)? = $body:path) => {
         $(#[$doc])*
-        pub fn $name($($arg: $type),*) $(-> $result)? {
+        $vis fn $name($($arg: $type),*) $(-> $result)? {
             #[cfg(target_arch = "x86_64")]
             {
                 #[target_feature(enable = "avx512f,avx512vl,avx512vpopcntdq,bmi1,bmi2,popcnt")]
@@ -79,6 +81,8 @@ macro_rules! widest {
         }
     };
 }
+
+use widest;
 
 /// The loops themselves: safe, and what the wider versions are tested against.
 mod scalar {

@@ -1,7 +1,9 @@
 //! Binding of rows of bits.
 
 use super::arrays::{row_major, rows_of};
+use super::interrupt;
 use crate::bitfield;
+use crate::bitfield::coding::{self, REFERENCES};
 use crate::error::Error;
 use numpy::ndarray::Array2;
 use numpy::{
@@ -268,6 +270,66 @@ fn morton_order<'py>(
     Ok(py.detach(|| bitfield::morton_order(points))?.into_pyarray(py))
 }
 
+/// References, the bytes of all blocks, where each block begins, and the checksum of the rows.
+type Coded<'py> = (Bound<'py, PyArray2<u32>>, Bound<'py, PyArray1<u8>>, Bound<'py, PyArray1<u64>>, u64);
+
+#[pyfunction]
+fn bitfield_encode<'py>(py: Python<'py>, words: Words<'py>, size: usize) -> PyResult<Coded<'py>> {
+    let [rows, width] = shape(&words);
+    let words = sized(&words, size)?;
+    let (references, blocks) = interrupt::run(py, None, None, |control| {
+        let references = coding::references(words, width, rows);
+        let blocks = coding::encode(words, size, &references, control)?;
+        Ok((references, blocks))
+    })?;
+    let mut starts = vec![0];
+    starts.extend(blocks.iter().scan(0, |end, block| {
+        *end += block.len() as u64;
+        Some(*end)
+    }));
+    let references = Array2::from_shape_vec([rows, REFERENCES], references.concat())
+        .expect("as many references for each row");
+    Ok((
+        references.into_pyarray(py),
+        blocks.concat().into_pyarray(py),
+        starts.into_pyarray(py),
+        coding::checksum(words),
+    ))
+}
+
+#[pyfunction]
+fn bitfield_decode<'py>(
+    py: Python<'py>,
+    size: usize,
+    references: PyReadonlyArray2<'py, u32>,
+    bytes: PyReadonlyArray1<'py, u8>,
+    starts: PyReadonlyArray1<'py, u64>,
+    checksum: u64,
+) -> PyResult<Bound<'py, PyArray2<u64>>> {
+    let references = rows_of::<REFERENCES, _, _>("references", &references)?;
+    let bytes = row_major("bytes", &bytes)?;
+    let starts = row_major("starts", &starts)?;
+    let words = interrupt::run(py, None, None, |control| {
+        if starts.first() != Some(&0) || starts.last() != Some(&(bytes.len() as u64)) || !starts.is_sorted() {
+            return Err(Error::Invalid(format!(
+                "starts do not divide the {} bytes of the stream",
+                bytes.len()
+            )));
+        }
+        let blocks: Vec<&[u8]> =
+            starts.windows(2).map(|ends| &bytes[ends[0] as usize..ends[1] as usize]).collect();
+        let words = coding::decode(&blocks, size, references, control)?;
+        if coding::checksum(&words) == checksum {
+            Ok(words)
+        } else {
+            Err(Error::Invalid("the rows are damaged: their checksum is another".into()))
+        }
+    })?;
+    let shaped = Array2::from_shape_vec([references.len(), bitfield::width(size)], words)
+        .expect("the kernel fills all rows");
+    Ok(shaped.into_pyarray(py))
+}
+
 pub fn register(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(bitfield_check, m)?)?;
     m.add_function(wrap_pyfunction!(bitfield_pack, m)?)?;
@@ -282,5 +344,7 @@ pub fn register(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(bitfield_summary, m)?)?;
     m.add_function(wrap_pyfunction!(bitfield_from_ids, m)?)?;
     m.add_function(wrap_pyfunction!(bitfield_lists, m)?)?;
+    m.add_function(wrap_pyfunction!(bitfield_encode, m)?)?;
+    m.add_function(wrap_pyfunction!(bitfield_decode, m)?)?;
     m.add_function(wrap_pyfunction!(morton_order, m)?)
 }
