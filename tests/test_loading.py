@@ -4,6 +4,7 @@ import json
 import struct
 import subprocess
 import sys
+from base64 import b64encode
 
 import numpy as np
 import pytest
@@ -256,6 +257,35 @@ def test_base_colours_and_blending_of_materials(tmp_path):
     np.testing.assert_array_equal(scene.colors, np.tile([10, 200, 30], (24, 1)))
     assert scene.transparent is not None
     assert sorted([scene.transparent[:12].all(), scene.transparent[12:].all()]) == [False, True]
+
+
+def test_vertex_colours_beside_a_material_are_multiplied_by_its_base_colour(tmp_path):
+    positions = TETRAHEDRON[0].astype("<f4").tobytes()
+    paint = (np.array([RED, GREEN, BLUE, WHITE]) / 255).astype("<f4").tobytes()
+    indices = TETRAHEDRON[1].astype("<u2").tobytes()
+    blob = positions + paint + indices
+    views = [(0, 48), (48, 48), (96, 24)]
+    kinds = [(5126, 4, "VEC3"), (5126, 4, "VEC3"), (5123, 12, "SCALAR")]
+    document = {
+        "asset": {"version": "2.0"},
+        "buffers": [
+            {"uri": "data:application/octet-stream;base64," + b64encode(blob).decode(), "byteLength": len(blob)}
+        ],
+        "bufferViews": [{"buffer": 0, "byteOffset": start, "byteLength": size} for start, size in views],
+        "accessors": [
+            {"bufferView": i, "componentType": kind, "count": count, "type": shape}
+            for i, (kind, count, shape) in enumerate(kinds)
+        ],
+        "materials": [{"pbrMetallicRoughness": {"baseColorFactor": [1.0, 0.2, 1.0, 1.0]}}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "COLOR_0": 1}, "indices": 2, "material": 0}]}],
+        "nodes": [{"mesh": 0, "translation": [0.0, 0.0, 5.0]}],
+        "scenes": [{"nodes": [0]}],
+        "scene": 0,
+    }
+    (tmp_path / "c.gltf").write_text(json.dumps(document))
+    scene = load(tmp_path / "c.gltf")
+    np.testing.assert_array_equal(scene.vertices, TETRAHEDRON[0] + [[0, 0, 5]])
+    np.testing.assert_array_equal(scene.colors, [RED, [0, 51, 0], BLUE, [255, 51, 255]])
 
 
 def test_obj_materials_without_a_texture(tmp_path):

@@ -74,11 +74,11 @@ def load(source: Any) -> Scene:
     Notes
     -----
     Vertex colours stay vertex colours. A texture becomes a colour per face, its texel at the centroid of the face's
-    texture coordinates, and the base colour of a material becomes the colour of its faces. Colours are taken as they
-    are stored, without a change of colour space. Where only some meshes of a file have colours, the others are light
-    grey. A scene of as many vertices as faces would take face colours for vertex colours: then the last vertex is
-    repeated once. Faces whose material blends (glTF ``BLEND`` with a base alpha below 1, OBJ ``d`` below 1) are marked
-    `transparent`.
+    texture coordinates, and the base colour of a material becomes the colour of its faces; where a glTF mesh has
+    several of them, they multiply. Colours are taken as they are stored, without a change of colour space. Where only
+    some meshes of a file have colours, the others are light grey. A scene of as many vertices as faces would take face
+    colours for vertex colours: then the last vertex is repeated once. Faces whose material blends (glTF ``BLEND`` with
+    a base alpha below 1, OBJ ``d`` below 1) are marked `transparent`.
 
     Polygons of more than three corners are cut into triangles: in OFF files and PyVista meshes as a fan in place,
     which is right for convex polygons, others are refused; in other files by trimesh, which may put the pieces after
@@ -284,21 +284,40 @@ def _read_trimesh(mesh: Any) -> Iterable[_Part]:
     elif kind == "face":
         part.face_colors = np.asarray(visual.face_colors, dtype=np.uint8)[:, :3]
     elif kind == "texture" and len(part.faces):
-        part.face_colors = _material_colors(visual, part.faces)
+        tint = getattr(visual, "vertex_attributes", {}).get("color")
+        if tint is not None and _image(visual) is None:
+            part.vertex_colors = _times(_unit_bytes(np.asarray(tint)), _factor(visual.material))
+        else:
+            part.face_colors = _material_colors(visual, part.faces)
+            if tint is not None:
+                part.face_colors = _times(part.face_colors, _unit_bytes(np.asarray(tint))[part.faces].mean(axis=1))
         part.transparent = _blends(visual.material)
     yield part
 
 
+def _image(visual: Any) -> Any:
+    """The texture of a trimesh visual that has coordinates for it, or None."""
+    physical = getattr(visual.material, "baseColorTexture", None)
+    image = getattr(visual.material, "image", None) if physical is None else physical
+    return None if visual.uv is None else image
+
+
+def _factor(material: Any) -> Floats:
+    """(3,) base colour of a glTF material, of which 255 changes nothing."""
+    factor = getattr(material, "baseColorFactor", None)
+    return np.full(3, 255.0) if factor is None else np.asarray(factor, dtype=np.float64)[:3]
+
+
+def _times(colors: Bytes, factor: Floats) -> Bytes:
+    return np.asarray(np.rint(colors * (factor / 255.0)), dtype=np.uint8)
+
+
 def _material_colors(visual: Any, faces: Ints) -> Bytes:
-    material = visual.material
-    physical = _has("baseColorFactor", "baseColorTexture")(material)
-    image = material.baseColorTexture if physical else getattr(material, "image", None)
-    if image is None or visual.uv is None:
-        return np.tile(np.asarray(material.main_color, dtype=np.uint8)[:3], (len(faces), 1))
-    colors = _texels(np.asarray(image.convert("RGB")), np.asarray(visual.uv)[faces], from_top=False)
-    if physical and material.baseColorFactor is not None:
-        colors = np.rint(colors * (np.asarray(material.baseColorFactor)[:3] / 255.0)).astype(np.uint8)
-    return colors
+    image = _image(visual)
+    if image is None:
+        return np.tile(np.asarray(visual.material.main_color, dtype=np.uint8)[:3], (len(faces), 1))
+    texels = _texels(np.asarray(image.convert("RGB")), np.asarray(visual.uv)[faces], from_top=False)
+    return _times(texels, _factor(visual.material))
 
 
 def _blends(material: Any) -> bool:
