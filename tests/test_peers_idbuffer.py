@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scipy.spatial import Delaunay
 
 import cyclorama as cyc
-from cyclorama import Camera, Scene
-from peers import BACKGROUND, Embree, OpenCV, PyrenderIds, TrimeshEmbree, need
+from cyclorama import BACKGROUND, Camera, Scene
+from peers import Embree, OpenCV, PyrenderIds, TrimeshEmbree, need
 
 MESHES = [
     "bamboo_truss", "brain_icbm152", "bunny", "chair_duplicated_faces", "dragon_100k", "engine_2cylinder", "fzk_haus",

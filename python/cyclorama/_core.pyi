@@ -1,12 +1,14 @@
 """The compiled kernels. Users call the modules beside this one."""
 
 from collections.abc import Callable
+from typing import final
 
 import numpy as np
 import numpy.typing as npt
 
 from .camera import CameraArrays
 
+@final
 class Mesh:
     def __new__(
         cls,
@@ -82,6 +84,7 @@ def tile(
     progress: Callable[[int], object] | None,
 ) -> tuple[npt.NDArray[np.uint32], int]: ...
 
+@final
 class Locator:
     def __new__(cls, points: npt.NDArray[np.float64], faces: npt.NDArray[np.uint32]) -> Locator: ...
     def locate(self, directions: npt.NDArray[np.float64]) -> npt.NDArray[np.uint32]: ...

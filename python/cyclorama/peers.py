@@ -171,6 +171,11 @@ class PyrenderIds(Peer):
         channels = color.astype(np.uint32)
         number = channels[..., 0] | channels[..., 1] << 8 | channels[..., 2] << 16
         ids = np.where(number == 0, np.uint32(BACKGROUND), number - 1).astype(np.uint32)
+        if camera.orthographic:
+            # pyrender reads every z-buffer as a perspective one: back to the z-buffer, and on to depth.
+            with np.errstate(divide="ignore"):
+                ndc = (far + near - 2 * far * near / depth) / (far - near)
+            depth = ((far - near) * ndc + far + near) / 2
         return ids, np.where(number == 0, np.inf, depth)
 
     def close(self) -> None:
