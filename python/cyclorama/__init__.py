@@ -1,6 +1,6 @@
 """Cyclorama decides ahead of time what of a 3D scene can be seen from where."""
 
-from . import bitfield, patches, scenes, sphere
+from . import bitfield, lab, patches, scenes, sphere
 from .assembly import Assembly
 from .baking import bake
 from .bitfield import Bitfields
@@ -11,6 +11,7 @@ from .merging import merge
 from .paths import PathVisibility, bake_path
 from .render import BACKGROUND, View
 from .scene import Scene
+from .tradeoff import Tradeoff, tradeoff
 from .visibility import Visibility
 
 __version__ = "0.1.0"
@@ -23,6 +24,7 @@ __all__ = [
     "Evaluation",
     "PathVisibility",
     "Scene",
+    "Tradeoff",
     "View",
     "Visibility",
     "__version__",
@@ -31,9 +33,11 @@ __all__ = [
     "bitfield",
     "describe",
     "evaluate",
+    "lab",
     "load",
     "merge",
     "patches",
     "scenes",
     "sphere",
+    "tradeoff",
 ]

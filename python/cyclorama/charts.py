@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 
 __all__ = ["draw"]
 
-#: Costs whose axes are logarithmic; a share is not.
-LOGARITHMIC = ("bytes", "time", "query")
+#: Costs whose axes are logarithmic, and their units; a share has a plain axis.
+UNITS = {"bytes": "B", "time": "s", "query": "s"}
 
 INK, FAINT, FRONT = "#222222", "#9a9a9a", "#f2c14e"
 
@@ -54,21 +54,15 @@ def _levels(missed: Sequence[float]) -> tuple[float, float | None]:
 
 
 def _panel(panel: Any, chart: Tradeoff, cost: str, floor: float, zero: float | None) -> None:
+    from matplotlib.ticker import EngFormatter, LogLocator, NullFormatter, PercentFormatter
+
     def height(missed: float) -> float:
         return missed if missed > 0 or zero is None else zero
 
     front = chart.pareto(cost)
-    panel.plot(
-        [row[cost] for row in front],
-        [height(row["missed"]) for row in front],
-        color=FRONT,
-        linewidth=9,
-        alpha=0.55,
-        solid_capstyle="round",
-        solid_joinstyle="round",
-        zorder=1,
-        label="nothing is cheaper and better",
-    )
+    x, y = [row[cost] for row in front], [height(row["missed"]) for row in front]
+    panel.step(x, y, where="post", color=FRONT, linewidth=2.5, linestyle=(0, (4, 2)), zorder=1)
+    panel.plot(x, y, "o", color=FRONT, markersize=17, alpha=0.75, zorder=1, label="nothing is as cheap and better")
     for number, (name, rows) in enumerate(chart.series.items()):
         color = COLORS[number % len(COLORS)]
         x, y = [row[cost] for row in rows], [height(row["missed"]) for row in rows]
@@ -78,25 +72,36 @@ def _panel(panel: Any, chart: Tradeoff, cost: str, floor: float, zero: float | N
         ]
         high = [max(0.0, row["missed_high"] - h) if row["missed"] > 0 else 0.0 for h, row in zip(y, rows, strict=True)]
         panel.errorbar(x, y, yerr=[low, high], fmt="none", ecolor=color, elinewidth=1, alpha=0.45, zorder=2)
-        panel.plot(x, y, "-o", color=color, markersize=6, linewidth=1.4, label=name, zorder=3, markeredgecolor="white")
-        if number == 0:
-            for across, up, row in zip(x, y, rows, strict=True):
+        panel.plot(x, y, "-", color=color, linewidth=1.4, zorder=3)
+        panel.plot(x, y, "o", color=color, markersize=6.5, label=name, zorder=4, markeredgecolor="white")
+        if number == 0 and len(rows) > 1:
+            for place in (0, -1):
                 panel.annotate(
-                    f"{row['views']:,}",
-                    (across, up),
-                    xytext=(7, 6),
+                    f"{rows[place]['views']:,} views",
+                    (x[place], y[place]),
+                    xytext=(0, 9),
                     textcoords="offset points",
+                    ha="center",
                     fontsize=8.5,
                     color=color,
-                    zorder=4,
+                    zorder=5,
                 )
     panel.set_yscale("log")
-    if cost in LOGARITHMIC:
+    if cost in UNITS:
         panel.set_xscale("log")
+        panel.margins(x=0.09)
+        panel.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        panel.xaxis.set_major_formatter(EngFormatter(unit=UNITS[cost], sep=" "))
+        panel.xaxis.set_minor_formatter(NullFormatter())
     else:
-        panel.set_xlim(0, None)
+        panel.set_xlim(0, 1)
+        panel.xaxis.set_major_formatter(PercentFormatter(1))
     top = max([floor * 10, *(row["missed_high"] for rows in chart.series.values() for row in rows)])
     panel.set_ylim(floor / (10 if zero is not None else 1.3), min(1.0, top * 2))
+    decades = [10.0**power for power in range(round(math.log10(floor)), 1)]
+    panel.set_yticks(decades)
+    panel.set_yticks([k * decade for decade in decades for k in range(2, 10) if k * decade <= 1], minor=True)
+    panel.yaxis.set_minor_formatter(NullFormatter())
     if zero is not None:
         panel.axhspan(floor / 10, floor, color="#f0f0f0", zorder=0, linewidth=0)
         panel.text(

@@ -48,10 +48,10 @@ ASKED = 3
 
 #: What a row says, and the words for it on an axis.
 COSTS = {
-    "bytes": "file, bytes",
-    "time": "bake, seconds",
-    "query": "one answer, seconds",
-    "drawn": "faces drawn, share of the model",
+    "bytes": "size of the file",
+    "time": "time to bake",
+    "query": "time of one answer",
+    "drawn": "faces still drawn, of all",
 }
 
 #: One colour for each series of the chart, distinct to colour-blind readers (Okabe and Ito's set without its yellow).

@@ -1,0 +1,392 @@
+"""The command line: `cyclorama demo | bake | info | tradeoff | validate`.
+
+Exit status 0 if all went well, 1 if `validate` found a disagreement, 2 on bad input, with one line that says what was
+wrong, 130 on Ctrl-C. Files appear only when they are whole.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+
+from . import __version__, baking, lab, loading, scenes, validation
+from .files import check_writable, whole_file
+from .tradeoff import COSTS, tradeoff
+from .visibility import Visibility
+
+__all__ = ["main"]
+
+DISAGREE, BAD_INPUT, INTERRUPTED = 1, 2, 130
+
+FILLS = {"rays": "rays", "neighbours": "neighbours", "none": None}
+
+
+class _Parser(argparse.ArgumentParser):
+    """One line about what was wrong, instead of the usage."""
+
+    def error(self, message: str) -> NoReturn:
+        raise _Refused(f"{message} (see {self.prog} --help)")
+
+
+class _Refused(ValueError):
+    """Bad input on the command line."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs a command; `arguments` are those of the process by default.
+
+    Returns
+    -------
+    int
+        The exit status; see the module's text.
+
+    Examples
+    --------
+    >>> main(["info", "no-such-mesh.ply"])
+    2
+    """
+    try:
+        asked = _parser().parse_args(_joined(sys.argv[1:] if arguments is None else arguments))
+        return int(asked.run(asked))
+    except KeyboardInterrupt:
+        print("cyclorama: interrupted", file=sys.stderr)
+        return INTERRUPTED
+    except BrokenPipeError:
+        sys.stderr.close()
+        return 0
+    except (ValueError, OSError, ImportError, MemoryError) as error:
+        print(f"cyclorama: error: {_one_line(error)}", file=sys.stderr)
+        return BAD_INPUT
+
+
+def _one_line(error: BaseException) -> str:
+    if isinstance(error, OSError) and error.strerror and error.filename is not None:
+        text = f"{error.filename}: {error.strerror}"
+    else:
+        text = str(error) or type(error).__name__
+    return " ".join(text.split())
+
+
+def _joined(arguments: Sequence[str]) -> list[str]:
+    """`--faces 0 -1 2` and `--faces -1,0,2` as one word, which argparse would take for an option or for a file."""
+    words = list(arguments)
+    if "--faces" in words:
+        place = words.index("--faces")
+        after = words[place + 1 : place + 4]
+        count = 3 if len(after) == 3 and all(map(_is_number, after)) else 1
+        words[place : place + 1 + count] = ["--faces=" + ",".join(after[:count])]
+    return words
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
+
+
+# What to run ----------------------------------------------------------------------------------------------------------
+
+
+def _demo(asked: argparse.Namespace) -> int:
+    from . import demonstration
+
+    _need_matplotlib()
+    scene = scenes.gear() if asked.mesh is None else loading.load(asked.mesh)
+    name = "gear" if asked.mesh is None else asked.mesh.stem
+    _make_folder(asked.out)
+    print(f"{name}: {len(scene):,} faces")
+    figures = demonstration.run(scene, name, asked.out, views=asked.views, seed=asked.seed, progress=_progress(asked))
+    _print_figures(figures)
+    return 0
+
+
+def _bake(asked: argparse.Namespace) -> int:
+    out = asked.out if asked.out is not None else Path(asked.mesh.stem + ".npz")
+    scene = loading.load(asked.mesh)
+    check_writable(out)
+    vis = baking.bake(
+        scene,
+        asked.views,
+        asked.patches,
+        asked.resolution,
+        asked.fov_y,
+        fill=FILLS[asked.fill],  # type: ignore[arg-type]
+        join=asked.join,
+        max_missed=asked.max_missed,
+        distances=asked.distances,
+        join_count=asked.join_count,
+        probes=asked.probes,
+        seed=asked.seed,
+        threads=asked.threads,
+        progress=_progress(asked),
+    )
+    vis.save(out)
+    _print_figures(_about(vis) | {"file": f"{out}, {out.stat().st_size:,} bytes"})
+    return 0
+
+
+def _info(asked: argparse.Namespace) -> int:
+    path = asked.file
+    if path.suffix.lower() == ".npz":
+        vis = Visibility.load(path)
+        if asked.faces is None:
+            if asked.count:
+                raise _Refused("--count counts the faces of an eye: give --faces X,Y,Z")
+            _print_figures(_about(vis) | {"file": f"{path.stat().st_size:,} bytes"})
+            return 0
+        faces = vis.visible_faces(asked.faces)
+        if asked.count:
+            print(len(faces))
+        else:
+            sys.stdout.write("".join(f"{face}\n" for face in faces.tolist()))
+        return 0
+    if asked.faces is not None:
+        raise _Refused("--faces asks a visibility file (.npz); bake the mesh first")
+    scene = loading.load(path)
+    about: dict[str, Any] = {name: _said(value) for name, value in loading.describe(scene).items()}
+    low, high = scene.bounds
+    about["bounds"] = " to ".join("(" + ", ".join(f"{x:.6g}" for x in corner) + ")" for corner in (low, high))
+    about["radius"] = f"{scene.radius:.6g}"
+    kinds = {len(scene.faces): "one a face", len(scene.vertices): "one a vertex"}
+    about["colors"] = "none" if scene.colors is None else kinds[len(scene.colors)]
+    about["transparent"] = "0" if scene.transparent is None else f"{int(scene.transparent.sum()):,}"
+    _print_figures(about)
+    return 0
+
+
+def _tradeoff(asked: argparse.Namespace) -> int:
+    scene = loading.load(asked.mesh)
+    for path in (asked.out, asked.csv):
+        if path is not None:
+            check_writable(path)
+    if asked.out is not None:
+        _need_matplotlib()
+    chart = tradeoff(
+        scene,
+        asked.views,
+        asked.patches,
+        resolution=asked.resolution,
+        fill=[FILLS[name] for name in asked.fill],
+        join=asked.join,
+        eval_views=asked.eval_views,
+        seed=asked.seed,
+        progress=_progress(asked),
+    )
+    print(chart.table())
+    failed = [row["error"] for row in chart.rows if "error" in row]
+    if len(failed) == len(chart.rows):
+        raise ValueError(failed[0].split(": ", 1)[-1])
+    if asked.out is not None:
+        chart.plot(asked.out, costs=asked.costs)
+        print(f"chart: {asked.out}")
+    if asked.csv is not None:
+        with whole_file(asked.csv) as file:
+            file.write(_csv(chart.rows).encode())
+        print(f"rows: {asked.csv}")
+    if asked.max_missed is not None:
+        print(f"cheapest with at most {asked.max_missed:g} missed:")
+        print(lab.table([chart.best(max_missed=asked.max_missed)]))
+    return 0
+
+
+def _validate(asked: argparse.Namespace) -> int:
+    scene = loading.load(asked.mesh)
+    rows = validation.validate(
+        scene, views=asked.views, size=asked.resolution, seed=asked.seed, progress=_progress(asked)
+    )
+    shown = []
+    for row in rows:
+        if "skipped" in row:
+            shown.append({"drawn by": row["peer"], "verdict": f"not asked: {_one_line(Exception(row['skipped']))}"})
+            continue
+        verdict = "agrees" if row["ok"] else "DISAGREES"
+        shown.append(
+            {
+                "drawn by": row["peer"],
+                "version": row["version"],
+                "pixels": row["covered"],
+                "same face": _share(row["same"]),
+                "same face or depth": _share(row["agree"]),
+                "else: at an edge": row["explained"],
+                "unexplained": row["unexplained"],
+                "verdict": verdict,
+            }
+        )
+    columns = list(dict.fromkeys(name for row in shown for name in row if name != "verdict"))
+    print(lab.table(shown, [*columns, "verdict"]))
+    return 0 if all(row.get("ok", True) for row in rows) else DISAGREE
+
+
+# How it is said -------------------------------------------------------------------------------------------------------
+
+
+def _share(value: float) -> str:
+    """Percent, rounded down: 100 only if it is all."""
+    return f"{np.floor(value * 1e6) / 1e4:.4f} %"
+
+
+def _about(vis: Visibility) -> dict[str, Any]:
+    return {name: _said(value) for name, value in vis.info().items() if value is not None and value != ""}
+
+
+def _said(value: Any) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, int):
+        return f"{value:,}"
+    if isinstance(value, list | tuple):
+        return " ".join(map(_said, value))
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def _print_figures(figures: dict[str, Any]) -> None:
+    width = max(map(len, figures))
+    for name, value in figures.items():
+        print(f"{name.replace('_', ' '):<{width}}  {value}")
+
+
+def _csv(rows: list[lab.Row]) -> str:
+    names = list(dict.fromkeys(name for row in rows for name in row))
+    cells = [names, *([row.get(name, "") for name in names] for row in rows)]
+    return "".join(",".join(_csv_cell(cell) for cell in line) + "\n" for line in cells)
+
+
+def _csv_cell(value: Any) -> str:
+    if isinstance(value, tuple):
+        value = "x".join(map(str, value))
+    text = "" if value is None else str(value)
+    return '"' + text.replace('"', '""') + '"' if re.search(r'[,"\n]', text) else text
+
+
+def _progress(asked: argparse.Namespace) -> bool | None:
+    return False if asked.quiet else None
+
+
+def _need_matplotlib() -> None:
+    try:
+        import matplotlib  # noqa: F401
+    except ImportError as error:
+        raise ModuleNotFoundError("charts need matplotlib: pip install 'cyclorama[viz]'") from error
+
+
+def _make_folder(folder: Path) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    check_writable(folder / "demo.png")
+
+
+# What may be asked ----------------------------------------------------------------------------------------------------
+
+
+def _parser() -> _Parser:
+    parser = _Parser(prog="cyclorama", description="What of a 3D scene can be seen from where, decided ahead of time.")
+    parser.add_argument("--version", action="version", version=f"cyclorama {__version__}")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND", title="commands", parser_class=_Parser)
+
+    demo = _command(commands, "demo", _demo, "bake a mesh, rebuild it from one eye, and draw what it costs")
+    demo.add_argument("mesh", nargs="?", type=_file, metavar="MESH", help="a mesh; a gear if there is none")
+    demo.add_argument("--out", type=Path, default=Path("out"), help="folder of the pictures (%(default)s)")
+    demo.add_argument("--views", type=_count, default=66, help="samples (%(default)s)")
+    demo.add_argument("--seed", type=int, default=0)
+
+    bake = _command(commands, "bake", _bake, "find out what can be seen from every direction, into a file")
+    bake.add_argument("mesh", type=_file, metavar="MESH")
+    bake.add_argument("-o", "--out", type=Path, metavar="FILE", help="MESH with .npz, in this folder, by default")
+    bake.add_argument("--views", type=_count, default=258, help="samples (%(default)s)")
+    bake.add_argument("--patches", type=_count, help="a bit for each of so many patches, instead of each face")
+    bake.add_argument("--max-missed", type=float, metavar="SHARE", help="as many samples as this error needs")
+    bake.add_argument("--distances", type=_numbers, metavar="D,D,...", help="in sampling radii: 1,2,inf")
+    bake.add_argument("--join", choices=("cells", "samples"), default="cells")
+    bake.add_argument("--join-count", type=int, choices=(3, 6), default=3)
+    bake.add_argument("--probes", type=int, default=32, help="most probes in each face of the sphere (%(default)s)")
+    bake.add_argument("--fill", choices=FILLS, default="rays")
+    bake.add_argument("--resolution", type=_size, default=(510, 480), metavar="WxH")
+    bake.add_argument("--fov-y", type=float, default=45.0, metavar="DEGREES")
+    bake.add_argument("--seed", type=int, default=0)
+    bake.add_argument("--threads", type=_count)
+
+    info = _command(commands, "info", _info, "say what a mesh or a visibility file is, or what an eye may see")
+    info.add_argument("file", type=_file, metavar="FILE", help="a mesh, or what bake wrote (.npz)")
+    info.add_argument("--faces", type=_eye, metavar="X,Y,Z", help="list the faces that an eye there may see")
+    info.add_argument("--count", action="store_true", help="only count them")
+
+    trade = _command(commands, "tradeoff", _tradeoff, "chart what accuracy costs")
+    trade.add_argument("mesh", type=_file, metavar="MESH")
+    trade.add_argument("--views", type=_count, nargs="+", default=[6, 18, 66, 258], metavar="N")
+    trade.add_argument("--patches", type=_count_or_none, nargs="+", default=[None, 1000, 200], metavar="N|none")
+    trade.add_argument("--resolution", type=_size, nargs="+", default=[(510, 480)], metavar="WxH")
+    trade.add_argument("--fill", choices=FILLS, nargs="+", default=["rays"])
+    trade.add_argument("--join", choices=("cells", "samples"), nargs="+", default=["cells"])
+    trade.add_argument("--eval-views", type=_count, default=100, metavar="N", help="random views (%(default)s)")
+    trade.add_argument("--max-missed", type=float, metavar="SHARE", help="also print the cheapest row that meets this")
+    trade.add_argument("--out", type=Path, metavar="PICTURE", help="write the chart: .png, .svg or .pdf")
+    trade.add_argument("--costs", choices=COSTS, nargs="+", default=["bytes", "drawn"])
+    trade.add_argument("--csv", type=Path, metavar="FILE", help="write all figures of all rows")
+    trade.add_argument("--seed", type=int, default=0)
+
+    validate = _command(commands, "validate", _validate, "draw a mesh with every renderer there is, and compare")
+    validate.add_argument("mesh", type=_file, metavar="MESH")
+    validate.add_argument("--views", type=_count, default=3, help="random views (%(default)s)")
+    validate.add_argument("--resolution", type=_size, default=(510, 480), metavar="WxH")
+    validate.add_argument("--seed", type=int, default=0)
+    return parser
+
+
+def _command(commands: Any, name: str, run: Any, text: str) -> argparse.ArgumentParser:
+    command: argparse.ArgumentParser = commands.add_parser(
+        name, help=text, description=text[0].upper() + text[1:] + "."
+    )
+    command.add_argument("-q", "--quiet", action="store_true", help="no progress bar")
+    command.set_defaults(run=run)
+    return command
+
+
+def _file(word: str) -> Path:
+    path = Path(word)
+    if not path.exists():
+        raise argparse.ArgumentTypeError(f"{word}: no such file")
+    if path.is_dir():
+        raise argparse.ArgumentTypeError(f"{word} is a folder")
+    return path
+
+
+def _count(word: str) -> int:
+    try:
+        count = int(word)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{word!r} is not a whole number") from None
+    if count < 1:
+        raise argparse.ArgumentTypeError(f"must be at least 1, got {count}")
+    return count
+
+
+def _count_or_none(word: str) -> int | None:
+    return None if word.lower() == "none" else _count(word)
+
+
+def _numbers(word: str) -> list[float]:
+    try:
+        return [float(part) for part in word.split(",")]
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{word!r} is not numbers with commas between them") from None
+
+
+def _eye(word: str) -> list[float]:
+    numbers = _numbers(word)
+    if len(numbers) != 3 or not np.isfinite(numbers).all():
+        raise argparse.ArgumentTypeError(f"{word!r} is not a place: three finite numbers, X,Y,Z")
+    return numbers
+
+
+def _size(word: str) -> tuple[int, int]:
+    match = re.fullmatch(r"(\d+)[xX](\d+)", word)
+    if match is None or min(map(int, match.groups())) < 1:
+        raise argparse.ArgumentTypeError(f"{word!r} is not a size in pixels, like 510x480")
+    return int(match[1]), int(match[2])
