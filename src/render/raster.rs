@@ -1,14 +1,10 @@
 //! The rasteriser: walks the faces, and in each face's box the pixels.
 
 use super::frame::sample;
-use super::projected::{Projected, Vertex, screen_error};
+use super::projected::{Projected, screen_error};
 use super::triangle::Triangle;
 use crate::camera::Projection;
 use std::ops::Range;
-
-/// Boxes up to this many columns are tested pixel by pixel, wider ones by solving each row for its run.
-/// Measured: from 4 to 12 the time of whole-model views changes by less than 5 %.
-const NARROW: usize = 8;
 
 /// The pixels whose centres a face's projection may cover.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -20,9 +16,9 @@ pub struct PixelBox {
 /// The pixels that a face may cover; `None` if there are none. Never too small.
 #[inline(always)]
 pub fn pixel_box(view: &Projected, corners: [u32; 3]) -> Option<PixelBox> {
-    let [a, b, c] = corners.map(|v| &view.vertices[v as usize]);
+    let [a, b, c] = corners.map(|v| view.screen[v as usize]);
     let axis = |i: usize, size: usize| {
-        let (a, b, c) = (a.screen[i], b.screen[i], c.screen[i]);
+        let (a, b, c) = (a[i], b[i], c[i]);
         // A NaN corner makes every comparison of the sum false.
         let sum = a + b + c;
         let (low, high) = if sum.is_finite() {
@@ -30,21 +26,20 @@ pub fn pixel_box(view: &Projected, corners: [u32; 3]) -> Option<PixelBox> {
         } else {
             return None;
         };
-        Some(centres_between(low - screen_error(low), high + screen_error(high), size))
+        Some(indices_between(low - screen_error(low), high + screen_error(high), size))
     };
     let (x, y) = match (axis(0, view.width), axis(1, view.height)) {
         (Some(x), Some(y)) => (x, y),
-        _ => straddling_box(view, [a, b, c])?,
+        _ => straddling_box(view, corners)?,
     };
     if x.is_empty() || y.is_empty() { None } else { Some(PixelBox { x, y }) }
 }
 
-/// Indices whose centres lie within `low..=high`, counted from the middle of `size` pixels.
+/// The indices below `size` that lie within `low..=high`.
 #[inline(always)]
-fn centres_between(low: f32, high: f32, size: usize) -> Range<usize> {
-    let half = 0.5 * size as f64 - 0.5;
-    let first = (f64::from(low) + half).ceil().max(0.0);
-    let end = ((f64::from(high) + half).floor() + 1.0).min(size as f64);
+fn indices_between(low: f32, high: f32, size: usize) -> Range<usize> {
+    let first = low.ceil().max(0.0);
+    let end = (high.floor() + 1.0).min(size as f32);
     if first < end { first as usize..end as usize } else { 0..0 }
 }
 
@@ -52,13 +47,14 @@ fn centres_between(low: f32, high: f32, size: usize) -> Range<usize> {
 ///
 /// Toward the plane an edge's projection runs off to infinity in the direction of its crossing point.
 #[cold]
-fn straddling_box(view: &Projected, corners: [&Vertex; 3]) -> Option<(Range<usize>, Range<usize>)> {
-    if view.projection == Projection::Perspective && corners.iter().all(|v| v.h.z <= view.near) {
+fn straddling_box(view: &Projected, corners: [u32; 3]) -> Option<(Range<usize>, Range<usize>)> {
+    let corners = corners.map(|v| view.vertices[v as usize]);
+    if view.projection == Projection::Perspective && corners.iter().all(|h| h.z <= view.near) {
         return None;
     }
     let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
     for i in 0..3 {
-        let (p, q) = (corners[i].h, corners[(i + 1) % 3].h);
+        let (p, q) = (corners[i], corners[(i + 1) % 3]);
         if p.z > 0.0 {
             for axis in 0..2 {
                 low[axis] = low[axis].min(p[axis] / p.z);
@@ -81,8 +77,9 @@ fn straddling_box(view: &Projected, corners: [&Vertex; 3]) -> Option<(Range<usiz
         }
     }
     let range = |axis: usize, size: usize| {
-        let (low, high) = (low[axis] as f32, high[axis] as f32);
-        centres_between(low - screen_error(low), high + screen_error(high), size)
+        let half = 0.5 * size as f64 - 0.5;
+        let (low, high) = ((low[axis] + half) as f32, (high[axis] + half) as f32);
+        indices_between(low - screen_error(low), high + screen_error(high), size)
     };
     Some((range(0, view.width), range(1, view.height)))
 }
@@ -101,36 +98,33 @@ pub fn draw(
     samples: &mut [u64],
 ) {
     #[cfg(target_arch = "x86_64")]
-    if std::arch::is_x86_feature_detected!("avx2") {
-        // SAFETY: the processor has the one feature that the function is compiled for.
-        return unsafe { draw_avx2(view, faces, ids, rows, samples) };
+    if std::arch::is_x86_feature_detected!("avx512f") && std::arch::is_x86_feature_detected!("avx512vl") {
+        // SAFETY: the processor has the features that the function is compiled for.
+        return unsafe { avx512::draw(view, faces, ids, rows, samples) };
     }
-    draw_portable(view, faces, ids, rows, samples);
+    draw_with(view, faces, ids, rows, samples, fill_box);
 }
 
-/// [`draw_portable`] compiled for AVX2: rounding and min/max in one instruction, three operands.
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-fn draw_avx2(
-    view: &Projected,
-    faces: &[[u32; 3]],
-    ids: impl Iterator<Item = u32>,
+/// Where a face's samples go: some rows of a band, some columns of each.
+struct Target<'a> {
+    view: &'a Projected,
+    /// The band's samples from the first of `rows` on.
+    samples: &'a mut [u64],
     rows: Range<usize>,
-    samples: &mut [u64],
-) {
-    draw_portable(view, faces, ids, rows, samples);
+    columns: Range<usize>,
 }
 
+/// The walk over faces; `fill` puts a face's samples among a target.
 #[inline(always)]
-fn draw_portable(
+fn draw_with(
     view: &Projected,
     faces: &[[u32; 3]],
     ids: impl Iterator<Item = u32>,
     rows: Range<usize>,
     samples: &mut [u64],
+    fill: impl Fn(Target<'_>, &Triangle, u32),
 ) {
     assert_eq!(samples.len(), rows.len() * view.width, "the band must hold its rows");
-    let offset = view.column(0);
     for id in ids {
         let corners = faces[id as usize];
         let Some(PixelBox { x, y }) = pixel_box(view, corners) else { continue };
@@ -139,18 +133,118 @@ fn draw_portable(
             continue;
         }
         let Some(triangle) = Triangle::new(view, corners) else { continue };
-        for y in top..bottom {
-            let row = triangle.along_row(view.row(y));
-            let line = &mut samples[(y - rows.start) * view.width..][..view.width];
-            let (first, end) = if x.len() <= NARROW {
-                row.narrow_span(x.start, x.len(), offset)
-            } else {
-                row.span(x.start, x.end, offset)
-            };
-            for (column, old) in (first..end).zip(&mut line[first..end]) {
-                if let Some(key) = row.key(column as f64 + offset) {
-                    *old = (*old).max(sample(key, id));
+        let samples = &mut samples[(top - rows.start) * view.width..(bottom - rows.start) * view.width];
+        fill(Target { view, samples, rows: top..bottom, columns: x }, &triangle, id);
+    }
+}
+
+/// Row by row and pixel by pixel: the reference for the other ways.
+fn fill_box(target: Target<'_>, triangle: &Triangle, id: u32) {
+    let Target { view, samples, rows, columns } = target;
+    let offset = view.column(0);
+    for (y, line) in rows.zip(samples.chunks_exact_mut(view.width)) {
+        let row = triangle.along_row(view.row(y));
+        let run = row.span(columns.clone(), offset);
+        for (column, old) in run.clone().zip(&mut line[run]) {
+            if let Some(nearness) = row.nearness(column as f64 + offset) {
+                *old = (*old).max(sample(nearness.key(view.projection), id));
+            }
+        }
+    }
+}
+
+/// Eight pixels of a row at a time, with the operations of [`fill_box`] in the same order.
+#[cfg(target_arch = "x86_64")]
+mod avx512 {
+    use super::{Projected, Projection, Target, Triangle};
+    use std::arch::x86_64::*;
+    use std::ops::Range;
+
+    #[target_feature(enable = "avx512f,avx512vl")]
+    pub fn draw(
+        view: &Projected,
+        faces: &[[u32; 3]],
+        ids: impl Iterator<Item = u32>,
+        rows: Range<usize>,
+        samples: &mut [u64],
+    ) {
+        super::draw_with(view, faces, ids, rows, samples, |target, triangle, id| {
+            fill_box(target, triangle, id);
+        });
+    }
+
+    #[target_feature(enable = "avx512f,avx512vl")]
+    #[inline]
+    fn fill_box(target: Target<'_>, triangle: &Triangle, id: u32) {
+        let Target { view, samples, rows, columns } = target;
+        let offset = view.column(0);
+        if columns.len() <= 8 {
+            fill_columns(view, samples, columns, rows.start, triangle, id);
+        } else {
+            for (y, line) in rows.zip(samples.chunks_exact_mut(view.width)) {
+                let run = triangle.along_row(view.row(y)).span(columns.clone(), offset);
+                let mut start = run.start;
+                while start < run.end {
+                    let end = run.end.min(start + 8);
+                    fill_columns(view, line, start..end, y, triangle, id);
+                    start = end;
                 }
+            }
+        }
+    }
+
+    /// Fills up to eight columns of the rows that `samples` holds, the first of them row `top`.
+    #[target_feature(enable = "avx512f,avx512vl")]
+    #[inline]
+    fn fill_columns(
+        view: &Projected,
+        samples: &mut [u64],
+        columns: Range<usize>,
+        top: usize,
+        triangle: &Triangle,
+        id: u32,
+    ) {
+        let t = triangle;
+        // Halves below 2^16: these sums are exact, so they equal `column as f64 + offset`.
+        let x = _mm512_add_pd(
+            _mm512_set1_pd(columns.start as f64 + view.column(0)),
+            _mm512_set_pd(7.0, 6.0, 5.0, 4.0, 3.0, 2.0, 1.0, 0.0),
+        );
+        let wanted: __mmask8 = ((1_u32 << columns.len()) - 1) as u8;
+        let product = |slope: f64| _mm512_mul_pd(_mm512_set1_pd(slope), x);
+        let edges = [product(t.edges[0].x), product(t.edges[1].x), product(t.edges[2].x)];
+        let least = [_mm512_set1_pd(t.least[0]), _mm512_set1_pd(t.least[1]), _mm512_set1_pd(t.least[2])];
+        let plane = product(t.plane.x);
+        let (low, high) = (_mm512_set1_pd(t.range[0]), _mm512_set1_pd(t.range[1]));
+        let all_seen = t.range[0] >= t.seen[0] && t.range[1] <= t.seen[1];
+        let id = _mm512_set1_epi64(i64::from(!id));
+        let mut y = view.row(top);
+        for line in samples.chunks_exact_mut(view.width) {
+            let mut mask = wanted;
+            for edge in 0..3 {
+                let constant = t.edges[edge].y * y + t.edges[edge].z;
+                let value = _mm512_add_pd(edges[edge], _mm512_set1_pd(constant));
+                mask = _mm512_mask_cmp_pd_mask::<_CMP_GE_OQ>(mask, value, least[edge]);
+            }
+            let value = _mm512_add_pd(plane, _mm512_set1_pd(t.plane.y * y + t.plane.z));
+            y += 1.0;
+            let value = _mm512_min_pd(_mm512_max_pd(value, low), high);
+            if !all_seen {
+                mask = _mm512_mask_cmp_pd_mask::<_CMP_GE_OQ>(mask, value, _mm512_set1_pd(t.seen[0]));
+                mask = _mm512_mask_cmp_pd_mask::<_CMP_LE_OQ>(mask, value, _mm512_set1_pd(t.seen[1]));
+            }
+            let bits = _mm256_castps_si256(_mm512_cvtpd_ps(value));
+            let key = match view.projection {
+                Projection::Perspective => _mm256_max_epu32(bits, _mm256_set1_epi32(1)),
+                Projection::Orthographic => _mm256_xor_si256(bits, _mm256_set1_epi32(-1)),
+            };
+            let new = _mm512_or_si512(_mm512_slli_epi64::<32>(_mm512_cvtepu32_epi64(key)), id);
+            let at = line[columns.clone()].as_mut_ptr().cast::<i64>();
+            // SAFETY: `wanted`, and with it the mask, keeps both accesses within `columns` of the line; u64 and i64
+            // have the same layout.
+            unsafe {
+                let old = _mm512_maskz_loadu_epi64(mask, at);
+                _mm512_mask_storeu_epi64(at, mask, _mm512_max_epu64(old, new));
             }
         }
     }

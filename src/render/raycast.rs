@@ -6,7 +6,7 @@
 
 use super::frame::sample;
 use super::projected::Projected;
-use super::triangle::{Key, Triangle, key_depth};
+use super::triangle::{Nearness, Triangle};
 use crate::mesh::Mesh;
 use glam::Vec3A;
 use obvhs::BvhBuildParams;
@@ -98,32 +98,33 @@ impl Hierarchy {
         let (mut best, mut limit) = (0, f64::INFINITY);
         self.along(view, pixel, [view.near, f64::INFINITY], stack, |face| {
             if counts(face)
-                && let Some(key) =
-                    Triangle::new(view, faces[face as usize]).and_then(|t| t.hit(pixel[0], pixel[1]))
-                && sample(key, face) > best
+                && let Some(nearness) = hit(view, faces[face as usize], pixel)
             {
-                best = sample(key, face);
-                // Faces that tie in float32 lie within an ulp beyond.
-                limit = key_depth(view.projection, key) * (1.0 + 2.0 * f64::from(f32::EPSILON));
+                let candidate = sample(nearness.key(view.projection), face);
+                if candidate > best {
+                    best = candidate;
+                    // Faces that tie in float32 lie within an ulp beyond.
+                    limit = nearness.depth(view.projection) * (1.0 + 2.0 * f64::from(f32::EPSILON));
+                }
             }
             Some(limit)
         });
         best
     }
 
-    /// A face that is nearer than `key` at a centred pixel position, among those that `counts` accepts.
+    /// A face before `limit` at a centred pixel position, among those that `counts` accepts.
     pub fn occluder(
         &self,
         caster: &mut Caster<'_>,
         pixel: [f64; 2],
-        key: Key,
+        limit: Nearness,
         counts: impl Fn(u32) -> bool,
     ) -> Option<u32> {
         let Caster { view, faces, stack } = caster;
-        let depth = key_depth(view.projection, key);
+        let depth = limit.depth(view.projection);
         let mut found = None;
         self.along(view, pixel, [view.near, depth], stack, |face| {
-            if counts(face) && occludes(view, faces[face as usize], pixel, key) {
+            if counts(face) && occludes(view, faces[face as usize], pixel, limit) {
                 found = Some(face);
                 return None;
             }
@@ -133,10 +134,15 @@ impl Hierarchy {
     }
 }
 
-/// Whether a face is nearer than `key` at a centred pixel position.
 #[inline]
-pub fn occludes(view: &Projected, corners: [u32; 3], pixel: [f64; 2], key: Key) -> bool {
-    Triangle::new(view, corners).and_then(|t| t.hit(pixel[0], pixel[1])).is_some_and(|k| k > key)
+fn hit(view: &Projected, corners: [u32; 3], pixel: [f64; 2]) -> Option<Nearness> {
+    Triangle::new(view, corners)?.hit(pixel[0], pixel[1])
+}
+
+/// Whether a face lies before `limit` at a centred pixel position.
+#[inline]
+pub fn occludes(view: &Projected, corners: [u32; 3], pixel: [f64; 2], limit: Nearness) -> bool {
+    hit(view, corners, pixel).is_some_and(|nearness| nearness.is_before(limit, view.projection))
 }
 
 /// What casting rays through one view needs; one for each thread.

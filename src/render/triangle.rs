@@ -9,6 +9,7 @@
 use super::projected::Projected;
 use crate::camera::Projection;
 use glam::{DVec3, dvec3};
+use std::ops::Range;
 
 /// Nearness of a hit as an integer that grows toward the eye; 0 is never a hit.
 ///
@@ -16,27 +17,65 @@ use glam::{DVec3, dvec3};
 /// as float32: two surfaces whose depths differ by less than one part in 2^23 tie.
 pub type Key = u32;
 
+/// How near a face is at a point of the image: `1 / depth` (perspective) or depth (orthographic).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Nearness(pub f64);
+
+/// Surfaces whose depths differ by a smaller share are taken to coincide when a single point decides.
+///
+/// Derived: the plane of a face is good to some 1e-13 of its depth unless it is seen nearly edge-on.
+const COINCIDENT: f64 = 1e-10;
+
+impl Nearness {
+    /// As a key.
+    #[inline(always)]
+    pub fn key(self, projection: Projection) -> Key {
+        let bits = (self.0 as f32).to_bits();
+        match projection {
+            Projection::Perspective => bits.max(1),
+            Projection::Orthographic => !bits,
+        }
+    }
+
+    /// The depth in the mesh's units.
+    #[inline(always)]
+    pub fn depth(self, projection: Projection) -> f64 {
+        match projection {
+            Projection::Perspective => 1.0 / self.0,
+            Projection::Orthographic => self.0,
+        }
+    }
+
+    /// Whether this is nearer than `other`, by more than rounding.
+    #[inline(always)]
+    pub fn is_before(self, other: Self, projection: Projection) -> bool {
+        match projection {
+            Projection::Perspective => self.0 > other.0 * (1.0 + COINCIDENT),
+            Projection::Orthographic => self.0 < other.0 * (1.0 - COINCIDENT),
+        }
+    }
+}
+
 /// A face set up for asking which points of the image it covers.
 #[derive(Debug, Clone, Copy)]
 pub struct Triangle {
     /// Edge normals, turned so that inside is positive.
-    edges: [DVec3; 3],
+    pub(super) edges: [DVec3; 3],
     /// What an edge function must reach: 0 on edges that own their points, else the least positive number.
-    least: [f64; 3],
+    pub(super) least: [f64; 3],
     /// `1 / depth` (perspective) or depth (orthographic) as a plane over the image.
-    plane: DVec3,
+    pub(super) plane: DVec3,
     /// The range of that value over the face's own corners.
-    range: [f64; 2],
+    pub(super) range: [f64; 2],
     /// The range of that value that the camera sees.
-    seen: [f64; 2],
-    projection: Projection,
+    pub(super) seen: [f64; 2],
 }
 
 impl Triangle {
     /// Sets up a face; `None` if it is seen edge-on, has no area, or lies behind the eye.
     #[inline(always)]
     pub fn new(view: &Projected, corners: [u32; 3]) -> Option<Self> {
-        let [a, b, c] = corners.map(|v| view.vertices[v as usize].h);
+        let [a, b, c] = corners.map(|v| view.vertices[v as usize]);
         let normal = (b - a).cross(c - a);
         let det = normal.dot(a);
         if det == 0.0 || !det.is_finite() {
@@ -47,12 +86,15 @@ impl Triangle {
         let least = edges.map(|n| if owns_its_points(n) { 0.0 } else { f64::from_bits(1) });
         let (plane, range, seen) = match view.projection {
             Projection::Perspective => {
-                let (low, high) = (a.z.min(b.z).min(c.z), a.z.max(b.z).max(c.z));
-                if high <= 0.0 {
+                let [p, q, r] = corners.map(|v| view.inverses[v as usize]);
+                let range = if a.z.min(b.z).min(c.z) > 0.0 {
+                    [p.min(q).min(r), p.max(q).max(r)]
+                } else if a.z.max(b.z).max(c.z) > 0.0 {
+                    [1.0 / a.z.max(b.z).max(c.z), f64::INFINITY]
+                } else {
                     return None;
-                }
-                let range = [1.0 / high, if low > 0.0 { 1.0 / low } else { f64::INFINITY }];
-                (normal / det, range, [f64::MIN_POSITIVE, 1.0 / view.near])
+                };
+                (normal * (1.0 / det), range, [f64::MIN_POSITIVE, view.near_inverse])
             }
             Projection::Orthographic => {
                 let z = corners.map(|v| view.depths[v as usize]);
@@ -67,7 +109,7 @@ impl Triangle {
                 (dvec3(gx, gy, z[0] - gx * a.x - gy * a.y), [low, high], [view.near, f64::INFINITY])
             }
         };
-        Some(Self { edges, least, plane, range, seen, projection: view.projection })
+        Some(Self { edges, least, plane, range, seen })
     }
 
     /// The edge functions along row `y`, ready for [`covers`](Self::covers) and [`span`](Self::span).
@@ -79,9 +121,9 @@ impl Triangle {
 
     /// The nearness of the face at a centred pixel position, if it covers it and the camera sees it there.
     #[inline(always)]
-    pub fn hit(&self, x: f64, y: f64) -> Option<Key> {
+    pub fn hit(&self, x: f64, y: f64) -> Option<Nearness> {
         let row = self.along_row(y);
-        if row.covers(x) { row.key(x) } else { None }
+        if row.covers(x) { row.nearness(x) } else { None }
     }
 }
 
@@ -110,45 +152,22 @@ impl Row<'_> {
         self.edge_covers(0, x) & self.edge_covers(1, x) & self.edge_covers(2, x)
     }
 
-    /// [`span`](Self::span) for few columns: all are tested, four at a time.
-    #[inline(always)]
-    pub fn narrow_span(&self, first: usize, count: usize, offset: f64) -> (usize, usize) {
-        let t = self.triangle;
-        let mut mask = 0_u32;
-        for group in (0..count).step_by(4) {
-            let x = [0, 1, 2, 3].map(|i| (first + group + i) as f64 + offset);
-            let mut inside = [true; 4];
-            for edge in 0..3 {
-                for (inside, x) in inside.iter_mut().zip(x) {
-                    *inside &= t.edges[edge].x * x + self.constant[edge] >= t.least[edge];
-                }
-            }
-            for (i, inside) in inside.into_iter().enumerate() {
-                mask |= u32::from(inside) << (group + i);
-            }
-        }
-        mask &= (1 << count) - 1;
-        if mask == 0 {
-            return (first, first);
-        }
-        (first + mask.trailing_zeros() as usize, first + 32 - mask.leading_zeros() as usize)
-    }
-
-    /// The columns of `first..end` that the face covers, where column `c` lies at `c as f64 + offset`.
+    /// The ones among `columns` that the face covers, where column `c` lies at `c as f64 + offset`.
     ///
     /// Rounding keeps the edge functions monotonic along a row, so the covered columns are one run; its ends are
     /// estimated by a division and then settled by [`covers`](Self::covers)' own arithmetic.
     #[inline(always)]
-    pub fn span(&self, first: usize, end: usize, offset: f64) -> (usize, usize) {
-        let (mut low, mut high) = (first, end);
+    pub fn span(&self, columns: Range<usize>, offset: f64) -> Range<usize> {
+        let first = columns.start;
+        let (mut low, mut high) = (columns.start, columns.end);
         for edge in 0..3 {
             let slope = self.triangle.edges[edge].x;
             if low >= high {
-                return (first, first);
+                return first..first;
             }
             if slope == 0.0 {
                 if !self.edge_covers(edge, 0.0) {
-                    return (first, first);
+                    return first..first;
                 }
                 continue;
             }
@@ -173,44 +192,32 @@ impl Row<'_> {
                 high = guess;
             }
         }
-        (low, high.max(low))
+        low..high.max(low)
     }
 
     /// The nearness at position `x`, which the face must cover; `None` where nearer than the near plane.
     #[inline(always)]
-    pub fn key(&self, x: f64) -> Option<Key> {
+    pub fn nearness(&self, x: f64) -> Option<Nearness> {
         let t = self.triangle;
         let value = (t.plane.x * x + self.plane).max(t.range[0]).min(t.range[1]);
-        if !(value >= t.seen[0] && value <= t.seen[1]) {
-            return None;
+        (value >= t.seen[0] && value <= t.seen[1]).then_some(Nearness(value))
+    }
+}
+
+/// The nearness of a face's nearest corner; `None` if a corner lies at or behind the eye's plane.
+pub fn nearest_corner(view: &Projected, corners: [u32; 3]) -> Option<Nearness> {
+    match view.projection {
+        Projection::Perspective => {
+            let [a, b, c] = corners.map(|v| view.vertices[v as usize].z);
+            let [p, q, r] = corners.map(|v| view.inverses[v as usize]);
+            (a.min(b).min(c) > 0.0).then(|| Nearness(p.max(q).max(r)))
         }
-        Some(value_key(t.projection, value))
+        Projection::Orthographic => {
+            let [a, b, c] = corners.map(|v| view.depths[v as usize]);
+            let depth = a.min(b).min(c);
+            (depth > 0.0).then_some(Nearness(depth))
+        }
     }
-}
-
-#[inline(always)]
-fn value_key(projection: Projection, value: f64) -> Key {
-    let bits = (value as f32).to_bits();
-    match projection {
-        Projection::Perspective => bits.max(1),
-        Projection::Orthographic => !bits,
-    }
-}
-
-/// The key of a face's nearest corner; `None` if a corner lies at or behind the eye's plane.
-pub fn nearest_key(view: &Projected, corners: [u32; 3]) -> Option<Key> {
-    let depth = corners
-        .iter()
-        .map(|&v| match view.projection {
-            Projection::Perspective => view.vertices[v as usize].h.z,
-            Projection::Orthographic => view.depths[v as usize],
-        })
-        .fold(f64::INFINITY, f64::min);
-    let value = match view.projection {
-        Projection::Perspective => 1.0 / depth,
-        Projection::Orthographic => depth,
-    };
-    (depth > 0.0).then(|| value_key(view.projection, value))
 }
 
 /// The depth, in the mesh's units, that a key stands for.

@@ -1,6 +1,5 @@
 //! Which faces a view sees: rows of bits.
 
-use super::BACKGROUND;
 use super::confirm::{Confirm, Farthest};
 use super::frame::{self, Frame};
 use super::projected::Projected;
@@ -41,7 +40,7 @@ pub enum Fill {
 pub struct Rays {
     /// Samples along each side of a pixel.
     pub supersampling: usize,
-    /// Points tested on a face that the picture neither shows nor hides.
+    /// Points tested on a face that the picture neither shows nor hides; a long one gets more.
     pub points: usize,
 }
 
@@ -122,13 +121,12 @@ pub fn visible_rows(
                 frame,
                 farthest,
                 hides: |face| scene.is_opaque(face),
-                points: rays.points,
                 caster: Caster::new(scene.hierarchy(), view, scene.mesh().faces()),
-                last: BACKGROUND,
+                suspects: Vec::new(),
             };
             for (face, &corners) in scene.mesh().faces().iter().enumerate() {
                 let face = face as u32;
-                if !is_set(row, face) && scene.is_opaque(face) && confirm.sees(corners) {
+                if !is_set(row, face) && scene.is_opaque(face) && confirm.sees(corners, rays.points) {
                     set(row, face);
                 }
             }
