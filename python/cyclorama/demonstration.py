@@ -24,10 +24,13 @@ __all__ = ["picture", "run"]
 
 #: Where the demo looks from, and from where it then looks at what was left out: from behind and to the side.
 TOWARD_EYE = (0.45, 0.4, 0.8)
-TOWARD_SIDE = (-0.85, 0.45, -0.28)
+TOWARD_SIDE = (-0.80, 0.40, -0.45)
 
 #: A surface without a colour of its own, one that is left out, and the paper, as shares of red, green and blue.
-SURFACE, LEFT_OUT, PAPER = np.array([0.42, 0.56, 0.74]), np.array([0.90, 0.90, 0.91]), np.ones(3)
+SURFACE, LEFT_OUT, PAPER = np.array([0.42, 0.56, 0.74]), np.array([0.84, 0.88, 0.94]), np.ones(3)
+
+#: How much of what is behind a face that is left out its picture hides.
+CLOUDINESS = 0.72
 
 Image = npt.NDArray[np.float64]
 
@@ -111,12 +114,16 @@ def picture(scene: Scene, vis: Visibility, name: str, path: Path) -> None:
 
 
 def _shaded(scene: Scene, camera: Camera, faces: npt.NDArray[np.uint32] | None, *, ghost: bool = False) -> Image:
-    """(H, W, 3) in [0, 1]; `ghost` shows the faces that are left out as if they were of pale paper."""
+    """(H, W, 3) in [0, 1]; `ghost` also shows the faces that are left out, as pale glass before the others."""
     image = _lit(scene, camera, scene.render(camera, faces).ids, _surface(scene))
     if ghost:
-        behind = _lit(scene, camera, scene.render(camera).ids, np.broadcast_to(LEFT_OUT, (len(scene), 3)))
-        empty = (image == PAPER).all(axis=-1)
-        image[empty] = behind[empty]
+        ids = scene.render(camera).ids
+        kept = np.zeros(len(scene), dtype=bool)
+        kept[faces] = True
+        glass = ids != BACKGROUND
+        glass[glass] = ~kept[ids[glass]]
+        before = _lit(scene, camera, np.where(glass, ids, BACKGROUND), np.broadcast_to(LEFT_OUT, (len(scene), 3)))
+        image[glass] += CLOUDINESS * (before[glass] - image[glass])
     return image
 
 
