@@ -183,7 +183,8 @@ def test_scene_graphs_are_flattened_with_their_instances(tmp_path):
 
 # Colours --------------------------------------------------------------------------------------------------------------
 
-# A checkerboard of 2 x 2 texels, as stored from the top row; and four triangles, each within one texel.
+# A checkerboard of 2 x 2 texels, as stored from the top row; and four triangles, each with its centroid in a texel and
+# its first corner in another.
 CHECKER = np.array([[RED, GREEN], [BLUE, WHITE]], dtype=np.uint8)
 CHECKED = {(0.25, 0.75): RED, (0.75, 0.75): GREEN, (0.25, 0.25): BLUE, (0.75, 0.25): WHITE}
 
@@ -193,7 +194,7 @@ def _textured_obj(folder):
     (folder / "m.mtl").write_text("newmtl paint\nKd 1 1 1\nmap_Kd checker.png\n")
     lines, faces = ["mtllib m.mtl", "usemtl paint"], []
     for index, (u, v) in enumerate(CHECKED):
-        for corner, (du, dv) in enumerate([(-0.1, -0.1), (0.1, -0.1), (0.0, 0.2)]):
+        for corner, (du, dv) in enumerate([(-0.3, 0.0), (0.15, -0.2), (0.15, 0.2)]):
             lines += [f"v {index + du} {dv} 0", f"vt {u + du} {v + dv}"]
             faces.append(3 * index + corner + 1)
     lines += ["f " + " ".join(f"{i}/{i}" for i in faces[at : at + 3]) for at in range(0, 12, 3)]
@@ -334,6 +335,13 @@ def test_pyvista_surfaces_with_polygons_and_colours():
     np.testing.assert_array_equal(scene.colors, np.repeat([RED, GREEN, BLUE, WHITE, RED, GREEN], 2, axis=0))
 
 
+def test_pyvista_cells_are_counted_past_loose_points_and_lines():
+    pyvista = pytest.importorskip("pyvista")
+    mesh = pyvista.PolyData(TETRAHEDRON[0], faces=[3, 0, 2, 1, 3, 0, 1, 3], lines=[2, 0, 1, 2, 1, 2], verts=[1, 0])
+    mesh.cell_data["RGB"] = np.array([WHITE, WHITE, WHITE, RED, BLUE], dtype=np.uint8)
+    np.testing.assert_array_equal(load(mesh).colors, [RED, BLUE])
+
+
 def test_pyvista_volumes_and_blocks_are_refused():
     pyvista = pytest.importorskip("pyvista")
     for mesh in (
@@ -392,6 +400,16 @@ def test_files_cut_off_are_refused(tmp_path, kind, share):
     assert len(load(path)) == len(mesh.faces)
     path.write_bytes(whole[: int(share * len(whole))])
     with pytest.raises(ValueError, match=rf"cut\.{kind[-3:]}: "):
+        load(path)
+
+
+@pytest.mark.parametrize("kind", ["ply", "off"])
+def test_text_files_that_end_after_a_whole_face_are_refused(tmp_path, kind):
+    mesh, path = trimesh.creation.icosphere(subdivisions=1), tmp_path / f"short.{kind}"
+    whole = mesh.export(file_type=kind, **({"encoding": "ascii"} if kind == "ply" else {}))
+    whole = whole.decode() if isinstance(whole, bytes) else whole
+    path.write_text("\n".join(whole.strip().split("\n")[:-3]) + "\n")
+    with pytest.raises(ValueError, match="promise"):
         load(path)
 
 

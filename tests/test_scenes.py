@@ -59,6 +59,18 @@ def test_pipes_are_exactly_as_many_as_asked_and_closed(count, seed, sides, bends
     assert cyc.describe(scene)["watertight"] == (count % 2 == 0)
 
 
+def test_a_pipe_keeps_its_width_around_its_bends():
+    scene = scenes.pipes(2 * 6 * 12 + 8, seed=3, sides=6, bends=12)
+    rings = scene.vertices.reshape(13, 6, 3)
+    path = rings.mean(axis=1)
+    stretches = np.diff(path, axis=0)
+    assert (np.count_nonzero(np.abs(stretches) > 1e-9, axis=1) == 1).all(), "along the axes"
+    assert np.abs(np.einsum("nk,nk->n", stretches[1:], stretches[:-1])).max() < 1e-12, "turning by right angles"
+    radius = np.linalg.norm(rings[0] - path[0], axis=1)
+    area = 1.5 * 3**0.5 * radius[0] ** 2
+    assert _solid(scene).volume == pytest.approx(area * np.linalg.norm(stretches, axis=1).sum())
+
+
 def test_a_million_pipes_fill_the_cube_evenly_and_quickly():
     start = time.perf_counter()
     scene = scenes.pipes(1_000_000)
@@ -200,6 +212,17 @@ def test_what_is_known_by_hand_is_what_rays_see(name):
             assert len(sight.seen) + len(sight.hidden) == len(scene)
         both = np.union1d(sight.seen, sight.hidden)
         np.testing.assert_array_equal(_seen(scene, sight.eye, both), sight.seen)
+
+
+@pytest.mark.parametrize(
+    ("count", "length", "wall", "distance"),
+    [(7, 1.2, 0.3, 2.0), (11, 1.0, 0.2, 1.5), (5, 3.0, 0.6, 4.0), (9, 0.9, 0.4, 3.0)],
+)
+def test_the_shade_in_tubes_is_what_rays_see(count, length, wall, distance):
+    scene = scenes.tubes(count, length=length, wall=wall, distance=distance)
+    bottoms = np.arange(2 * count**2)
+    for sight in scene.sights:
+        np.testing.assert_array_equal(_seen(scene, sight.eye, bottoms, points=4000), sight.seen)
 
 
 @pytest.mark.parametrize("level", [0, 1, 2, 3, 4])
