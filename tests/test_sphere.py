@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+import cyclorama as cyc
 from cyclorama import Bitfields, sphere
 
 DIRECTIONS = np.random.default_rng(100).normal(size=(4000, 3))
@@ -406,11 +407,12 @@ def test_a_cap_meets_the_faces_that_densely_drawn_points_say(seed, angle):
         (lambda: sphere.faces_in_cap(*sphere.octahedron(0), [0, 0, 1], -1), "angle must be between"),
         (lambda: sphere.faces_in_cap(*sphere.octahedron(0), [0, 0, 1], np.nan), "angle must be between"),
         (lambda: sphere.faces_in_cap(*sphere.octahedron(0), [0, 1], 10), "shape"),
-        (lambda: sphere.octahedron(-1), "level must be an integer of at least 0, got -1"),
-        (lambda: sphere.octahedron(11), "level must be at most 10, got 11"),
+        (lambda: sphere.octahedron(-1), "level must be an integer from 0 to 10, got -1"),
+        (lambda: sphere.octahedron(11), "level must be an integer from 0 to 10, got 11"),
         (lambda: sphere.octahedron(1.5), "level must be an integer"),
-        (lambda: sphere.fibonacci(0), "n must be an integer of at least 1, got 0"),
-        (lambda: sphere.fibonacci(-3), "n must be an integer of at least 1, got -3"),
+        (lambda: sphere.fibonacci(0), "n must be an integer from 1 to 16777216, got 0"),
+        (lambda: sphere.fibonacci(10**12), "n must be an integer from 1 to 16777216, got 1000000000000"),
+        (lambda: sphere.fibonacci(-3), "n must be an integer from 1 to 16777216, got -3"),
         (lambda: sphere.subdivide(*sphere.octahedron(0), [8]), r"which\[0\] is 8, there are 8 faces"),
         (lambda: sphere.subdivide(*sphere.octahedron(0), [[1]]), "which must have shape"),
         (lambda: sphere.subdivide(*sphere.octahedron(0), [0.5]), "which must be integers"),
@@ -489,6 +491,19 @@ def test_all_ways_to_give_bits_agree():
     packed = Bitfields.pack(seen)
     np.testing.assert_array_equal(sphere.cover(packed), sphere.cover(seen))
     np.testing.assert_array_equal(sphere.cover(packed.words), sphere.cover(seen))
+
+
+def test_a_few_views_of_a_scan_hold_all_that_66_see(real_scene):
+    scene = real_scene("bunny")
+    points, _ = sphere.octahedron(2)
+    cameras = [cyc.Camera.look_at(scene.center + 2.7 * scene.radius * d, scene.center) for d in points]
+    seen = scene.visible(cameras, fill=None, progress=False).unpack()
+    rows = sphere.cover(seen)
+    np.testing.assert_array_equal(seen[rows].any(axis=0), seen.any(axis=0))
+    assert len(rows) < 22
+    few = sphere.cover(seen, tolerance=0.01)
+    assert seen[few].any(axis=0).sum() >= 0.99 * seen.any(axis=0).sum()
+    assert len(few) < len(rows) / 2
 
 
 def test_where_greedy_fails_the_solver_says_so():

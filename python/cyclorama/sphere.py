@@ -66,9 +66,9 @@ def _faces(faces: npt.ArrayLike, points: int = 2**32 - 1) -> Faces:
     return _indices("faces", array, points, "points").astype(np.uint32)
 
 
-def _count(name: str, value: int, least: int) -> int:
-    if not isinstance(value, (int, np.integer)) or isinstance(value, bool) or not least <= value < 2**32:
-        raise ValueError(f"{name} must be an integer of at least {least}, got {value!r}")
+def _count(name: str, value: int, least: int, most: int) -> int:
+    if not isinstance(value, (int, np.integer)) or isinstance(value, bool) or not least <= value <= most:
+        raise ValueError(f"{name} must be an integer from {least} to {most}, got {value!r}")
     return int(value)
 
 
@@ -100,7 +100,7 @@ def octahedron(level: int) -> tuple[Points, Faces]:
     >>> points.shape, faces.shape
     ((66, 3), (128, 3))
     """
-    return _core.octahedron_sphere(_count("level", level, 0))
+    return _core.octahedron_sphere(_count("level", level, 0, 10))
 
 
 def fibonacci(n: int) -> Points:
@@ -116,14 +116,14 @@ def fibonacci(n: int) -> Points:
     Raises
     ------
     ValueError
-        If `n` is not a positive integer.
+        If `n` is not an integer from 1 to 16,777,216.
 
     Examples
     --------
     >>> fibonacci(25).shape
     (25, 3)
     """
-    return _core.fibonacci_points(_count("n", n, 1))
+    return _core.fibonacci_points(_count("n", n, 1, 2**24))
 
 
 def hull(points: npt.ArrayLike) -> Faces:

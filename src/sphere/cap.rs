@@ -12,7 +12,7 @@ const SLACK: f64 = 1e-12;
 pub fn faces_in_cap(points: &[DVec3], faces: &[[u32; 3]], direction: DVec3, angle: f64) -> Vec<u32> {
     let within = |face: &[u32; 3]| {
         let [a, b, c] = face.map(|v| points[v as usize]);
-        let inside = [(a, b), (b, c), (c, a)].iter().all(|(a, b)| a.cross(*b).dot(direction) >= -SLACK);
+        let inside = [(a, b), (b, c), (c, a)].iter().all(|(a, b)| normal(*a, *b).dot(direction) >= 0.0);
         let nearest = || {
             angle_to_arc(direction, a, b)
                 .min(angle_to_arc(direction, b, c))
@@ -26,7 +26,7 @@ pub fn faces_in_cap(points: &[DVec3], faces: &[[u32; 3]], direction: DVec3, angl
 /// The angle between `d` and the nearest point of the shorter arc from `a` to `b`; all are unit vectors.
 fn angle_to_arc(d: DVec3, a: DVec3, b: DVec3) -> f64 {
     let to_ends = d.angle_between(a).min(d.angle_between(b));
-    let normal = a.cross(b);
+    let normal = normal(a, b);
     // Over the arc itself if the foot of the perpendicular lies between its ends.
     let over = normal.cross(a).dot(d) > 0.0 && b.cross(normal).dot(d) > 0.0;
     if over && normal != DVec3::ZERO {
@@ -35,6 +35,12 @@ fn angle_to_arc(d: DVec3, a: DVec3, b: DVec3) -> f64 {
     } else {
         to_ends
     }
+}
+
+/// Across the arc from `a` to `b`, to its left: twice `a × b`, but accurate for the shortest arcs too,
+/// because the difference of near vectors is.
+fn normal(a: DVec3, b: DVec3) -> DVec3 {
+    (a + b).cross(b - a)
 }
 
 /// The largest angle at the centre between an eye and the points where its rays cross the sampling sphere,
@@ -63,6 +69,21 @@ mod tests {
         let count =
             |degrees: f64| faces_in_cap(&sphere.points, &sphere.faces, middle, degrees.to_radians()).len();
         assert_eq!([0.0, 35.2, 35.3, 54.7, 54.8, 180.0].map(count), [1, 1, 4, 4, 7, 8]);
+    }
+
+    #[test]
+    fn tiny_faces_are_met_no_earlier_than_they_should_be() {
+        // A face a hundred thousandth of a radian wide, 0.3 radians away along y, its nearest edge across
+        // the way.
+        let (near, far, wide) = (0.3_f64, 0.3 + 1e-5, 1e-5);
+        let at = |angle: f64, side: f64| DVec3::new(angle.cos(), angle.sin(), side).normalize();
+        let points = [at(near, -wide), at(far, 0.0), at(near, wide)];
+        let met = |angle: f64| !faces_in_cap(&points, &[[0, 1, 2]], DVec3::X, angle).is_empty();
+        // The edge's middle is at 0.3 to within its sagitta, 10^-11; measured on the great circle it is
+        // exact.
+        let middle = (points[0] + points[2]).angle_between(DVec3::X);
+        assert!(met(middle + 1e-14) && !met(middle - 1e-11));
+        assert!(!faces_in_cap(&points, &[[0, 1, 2]], at(near + 1e-6, 0.0), 0.0).is_empty());
     }
 
     #[test]

@@ -104,6 +104,12 @@ mod tests {
     }
 
     #[test]
+    fn a_row_that_led_once_is_counted_again() {
+        // After the first, the second row adds one bit and the third two.
+        assert_eq!(greedy(&[0b0001_1111, 0b0010_0111, 0b1100_0000], 0), [0, 2, 1]);
+    }
+
+    #[test]
     fn rows_that_later_ones_replace_are_dropped() {
         // The middle row is the largest, but the outer two hold all of it between them.
         assert_eq!(greedy(&[0b000_111, 0b011_110, 0b111_000], 0), [0, 2]);
