@@ -1,10 +1,13 @@
 """The package as a user installs it."""
 
+import re
 import subprocess
 import sys
 import textwrap
+from pathlib import Path
 
 import cyclorama as cyc
+from peers import need
 
 
 def test_importing_needs_numpy_and_nothing_else():
@@ -29,3 +32,22 @@ def test_importing_needs_numpy_and_nothing_else():
 
 def test_every_public_name_is_there():
     assert not [name for name in cyc.__all__ if not hasattr(cyc, name)]
+
+
+def test_the_lines_of_the_readme_run(tmp_path, monkeypatch, capsys):
+    need("matplotlib")
+    readme = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
+    lines = re.search(r"```python\n(.*?)```", readme, re.DOTALL)[1]
+    for written, small in (
+        ('cyc.load("bunny.ply")', "cyc.scenes.gear(2000)"),
+        ("views=258", "views=6"),
+        ("views=100", "views=5"),
+        ("views=[6, 18, 66]", "views=[6], patches=[None], eval_views=5, resolution=(64, 60)"),
+        ("max_missed=1e-3", "max_missed=0.5, resolution=(64, 60)"),
+    ):
+        assert written in lines
+        lines = lines.replace(written, small)
+    monkeypatch.chdir(tmp_path)
+    exec(compile(lines, "README.md", "exec"), {})
+    assert {path.name for path in tmp_path.iterdir()} == {"bunny.npz", "tradeoff.png"}
+    assert "culled on average" in capsys.readouterr().out

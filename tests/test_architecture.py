@@ -1,0 +1,46 @@
+"""The arrows of ARCHITECTURE.md point one way, and name what is there."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+HOUSE = Path(__file__).parents[1]
+SOURCES = HOUSE / "src"
+
+#: What each kernel may use, besides `control` and `error`.
+MAY_USE = {
+    "error": set(),
+    "control": set(),
+    "mesh": set(),
+    "camera": {"mesh"},
+    "adjacency": set(),
+    "patch": {"adjacency"},
+    "bitfield": set(),
+    "sphere": set(),
+    "render": {"mesh", "camera"},
+    "visibility": {"mesh", "camera", "render"},
+}
+
+
+def kernels():
+    return [path for path in SOURCES.rglob("*.rs") if path.parent.name != "python" and path.name != "lib.rs"]
+
+
+def module_of(path):
+    return path.relative_to(SOURCES).parts[0].removesuffix(".rs")
+
+
+@pytest.mark.parametrize("path", kernels(), ids=lambda path: str(path.relative_to(SOURCES)))
+def test_a_kernel_uses_only_what_lies_below_it(path):
+    text = path.read_text(encoding="utf-8")
+    used = set(re.findall(r"\bcrate::(\w+)", text)) - {module_of(path)}
+    assert used <= MAY_USE[module_of(path)] | {"control", "error"}
+    assert not re.search(r"\b(pyo3|numpy)::", text)
+
+
+def test_the_document_names_every_module():
+    text = (HOUSE / "ARCHITECTURE.md").read_text(encoding="utf-8")
+    modules = {module_of(path) for path in kernels()}
+    modules |= {path.stem for path in (HOUSE / "python" / "cyclorama").glob("[!_]*.py")}
+    assert sorted(name for name in modules if not re.search(rf"\b{name}\b", text)) == []
