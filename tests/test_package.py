@@ -39,7 +39,7 @@ def test_the_lines_of_the_readme_run(tmp_path, monkeypatch, capsys):
     readme = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
     lines = re.search(r"```python\n(.*?)```", readme, re.DOTALL)[1]
     for written, small in (
-        ('cyc.load("bunny.ply")', "cyc.scenes.gear(2000)"),
+        ('cyc.load("bunny.ply")', "cyc.scenes.sphere(600)"),
         ("views=258", "views=6"),
         ("views=100", "views=5"),
         ("views=[6, 18, 66]", "views=[6], patches=[None], eval_views=5, resolution=(64, 60)"),
