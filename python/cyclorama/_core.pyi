@@ -34,8 +34,16 @@ class Mesh:
         engine: str = "auto",
         threads: int | None = None,
         progress: object = None,
+        rings: int = 1,
         supersampling: int = 3,
-        points: int = 24,
+        points: int = 8,
+    ) -> None: ...
+    def shade(
+        self,
+        camera: tuple[object, ...],
+        ids: npt.NDArray[np.uint32],
+        picture: npt.NDArray[np.uint8],
+        colors: npt.NDArray[np.uint8] | None = None,
     ) -> None: ...
 
 def bitfield_check(words: npt.NDArray[np.uint64], size: int) -> None: ...

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -35,12 +36,21 @@ class View:
         The nearest face at each pixel centre, `BACKGROUND` where there is none.
     depth : (H, W) ndarray of float32
         Its distance along the optical axis, infinity where there is none.
+    camera : Camera
+        The camera that was asked.
     """
 
     ids: npt.NDArray[np.uint32]
     depth: npt.NDArray[np.float32]
     camera: Camera
     _scene: Scene = field(repr=False)
+
+    @cached_property
+    def color(self) -> npt.NDArray[np.uint8]:
+        """(H, W, 3) uint8: the scene's colours (light grey where it has none) lit from the eye, on white."""
+        picture = np.empty((*self.ids.shape, 3), np.uint8)
+        self._scene._mesh.shade(stack([self.camera]), self.ids, picture, self._scene.colors)
+        return picture
 
 
 def render(
@@ -56,6 +66,8 @@ def render(
     shape = (camera.height, camera.width)
     if out is None:
         ids, depth = np.empty(shape, np.uint32), np.empty(shape, np.float32)
+    elif out.ids.shape != shape:
+        raise ValueError(f"out has shape {out.ids.shape}, the camera {shape}")
     else:
         ids, depth = out.ids, out.depth
     only = None if faces is None else _face_ids(faces)
@@ -69,6 +81,8 @@ def visible(
     fill: Fill = "rays",
     *,
     rings: int = 1,
+    supersampling: int = 3,
+    points: int = 8,
     engine: Engine = "auto",
     known: Bitfields | npt.NDArray[np.uint64] | None = None,
     out: npt.NDArray[np.uint64] | None = None,
@@ -77,21 +91,73 @@ def visible(
 ) -> Bitfields:
     """The faces that each of S cameras sees, as rows of bits.
 
+    A face is visible if some point of it, inside the image, is the nearest surface on its ray. An id-buffer alone
+    (`fill=None`) loses most visible faces of a real model: those that fall between its pixel centres.
+
     Parameters
     ----------
     scene : Scene
         F faces. Transparent ones hide nothing and are set in every row (2001 paper, section 3.4).
     cameras : Camera or sequence of S Camera
         Of any sizes and kinds.
+    fill : {"rays", "neighbours", None}
+        What is done about faces that own no pixel. "rays" looks at points on each one that the picture doesn't hide,
+        and takes it only where such a point is really the nearest surface: nothing invisible is answered.
+        "neighbours" takes the faces beside visible ones that turn the same side to the eye (2001 paper,
+        section 3.1.1), a guess that adds hidden faces along every silhouette. `None` is the bare id-buffer.
+    rings : int
+        For "neighbours": how often. Many rings flood all that faces the eye.
+    supersampling : int
+        For "rays": samples of the picture along each side of a pixel.
+    points : int
+        For "rays": points tested on a face before it is given up; long faces get up to 13 times as many.
+    engine : {"auto", "raster", "raycast"}
+        Both give the same bits.
+    known : Bitfields or (S, W) ndarray of uint64, optional
+        Faces already known to be visible, a row per camera: set in the answer and not looked for again.
+    out : (S, W) ndarray of uint64, optional
+        Memory for the answer; W is ceil(F / 64). Bits that are set in it stay set.
+    threads : int, optional
+        All cores by default. The answer doesn't depend on it. Memory is one image per thread.
+    progress : bool or callable, optional
+        A bar by default, where somebody watches.
+
+    Returns
+    -------
+    Bitfields
+        S rows of F bits.
+
+    Raises
+    ------
+    ValueError
+        If an argument is none of the above or doesn't fit the scene.
+    KeyboardInterrupt
+        At Ctrl-C, within a view's time.
+
+    Examples
+    --------
+    >>> import cyclorama as cyc
+    >>> scene = cyc.Scene([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+    >>> camera = cyc.Camera.look_at([0.3, 0.3, 900], [0.3, 0.3, 0])
+    >>> scene.visible(camera, fill=None).count(), scene.visible(camera).count()
+    (array([0]), array([1]))
     """
     views = [cameras] if isinstance(cameras, Camera) else list(cameras)
-    words = (len(scene) + 63) // 64
-    rows = np.zeros((len(views), words), np.uint64) if out is None else out
+    for name, value in (("rings", rings), ("supersampling", supersampling), ("points", points)):
+        if not isinstance(value, (int, np.integer)) or not 1 <= value <= 64 * 1024:
+            raise ValueError(f"{name} must be an integer of at least 1, got {value!r}")
+    shape = (len(views), (len(scene) + 63) // 64)
+    rows = np.zeros(shape, np.uint64) if out is None else out
+    if rows.shape != shape or rows.dtype != np.uint64 or not rows.flags.c_contiguous or not rows.flags.writeable:
+        raise ValueError(f"out must be a writeable, row-major {shape} uint64 array, got {rows.shape} {rows.dtype}")
     if known is not None:
-        rows |= known.words if isinstance(known, Bitfields) else known
+        words = known.words if isinstance(known, Bitfields) else np.asarray(known)
+        if words.shape != shape or words.dtype != np.uint64:
+            raise ValueError(f"known must be {shape} uint64, got {words.shape} {words.dtype}")
+        rows |= words
     if views:
         with reporter(progress, len(views), "views") as report:
-            scene._mesh.visible(stack(views), rows, fill, engine, threads, report)
+            scene._mesh.visible(stack(views), rows, fill, engine, threads, report, rings, supersampling, points)
     return Bitfields(rows, len(scene))
 
 

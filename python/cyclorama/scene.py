@@ -134,6 +134,8 @@ class Scene:
         fill: Fill = "rays",
         *,
         rings: int = 1,
+        supersampling: int = 3,
+        points: int = 8,
         engine: Engine = "auto",
         known: Bitfields | npt.NDArray[np.uint64] | None = None,
         out: npt.NDArray[np.uint64] | None = None,
@@ -151,7 +153,17 @@ class Scene:
         array([0], dtype=uint32)
         """
         return visible(
-            self, cameras, fill, rings=rings, engine=engine, known=known, out=out, threads=threads, progress=progress
+            self,
+            cameras,
+            fill,
+            rings=rings,
+            supersampling=supersampling,
+            points=points,
+            engine=engine,
+            known=known,
+            out=out,
+            threads=threads,
+            progress=progress,
         )
 
 

@@ -5,11 +5,14 @@ use super::interrupt;
 use crate::camera::{Camera, Projection};
 use crate::mesh::Mesh;
 use crate::render::frame;
+use crate::render::projected::Projected;
 use crate::render::scene::{Engine, Scene};
+use crate::render::shade::{Colors, shade};
 use crate::render::visible::{Fill, Rays, visible_rows};
 use glam::{DMat3, DVec3};
 use numpy::{
-    PyArray1, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3, PyReadwriteArray2, PyUntypedArrayMethods,
+    PyArray1, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3, PyReadwriteArray2, PyReadwriteArray3,
+    PyUntypedArrayMethods,
 };
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -119,8 +122,40 @@ impl PyMesh {
         })
     }
 
+    /// Colours an id-buffer into `picture` (H, W, 3).
+    #[pyo3(signature = (camera, ids, picture, colors=None))]
+    fn shade(
+        &self,
+        py: Python<'_>,
+        camera: CameraArrays<'_>,
+        ids: PyReadonlyArray2<'_, u32>,
+        mut picture: PyReadwriteArray3<'_, u8>,
+        colors: Option<PyReadonlyArray2<'_, u8>>,
+    ) -> PyResult<()> {
+        let camera = cameras(&camera)?.pop().ok_or_else(|| PyValueError::new_err("no camera"))?;
+        let ids = row_major("ids", &ids)?;
+        let (picture, rest) = picture.as_slice_mut()?.as_chunks_mut::<3>();
+        let colors = colors.as_ref().map(|c| rows_of::<3, _, _>("colors", c)).transpose()?;
+        let mesh = self.0.mesh();
+        let colors = match colors {
+            None => Colors::Plain,
+            Some(c) if c.len() == mesh.positions().len() => Colors::Vertices(c),
+            Some(c) if c.len() == mesh.faces().len() => Colors::Faces(c),
+            Some(c) => return Err(PyValueError::new_err(format!("colors has {} rows", c.len()))),
+        };
+        if !rest.is_empty() {
+            return Err(PyValueError::new_err("picture must have three channels"));
+        }
+        interrupt::run(py, None, None, |_| {
+            camera.check()?;
+            let mut view = Projected::default();
+            view.fill(mesh, &camera);
+            shade(mesh, &view, ids, colors, picture)
+        })
+    }
+
     /// Sets in each of `rows` the faces that its camera sees.
-    #[pyo3(signature = (cameras, rows, fill=None, engine="auto", threads=None, progress=None, supersampling=3, points=24))]
+    #[pyo3(signature = (cameras, rows, fill=None, engine="auto", threads=None, progress=None, rings=1, supersampling=3, points=8))]
     #[expect(clippy::too_many_arguments, reason = "one keyword each in Python")]
     fn visible(
         &self,
@@ -131,6 +166,7 @@ impl PyMesh {
         engine: &str,
         threads: Option<usize>,
         progress: Option<&Bound<'_, PyAny>>,
+        rings: usize,
         supersampling: usize,
         points: usize,
     ) -> PyResult<()> {
@@ -138,6 +174,7 @@ impl PyMesh {
         let engine = self::engine(engine)?;
         let fill = match fill {
             None => Fill::Bare,
+            Some("neighbours") => Fill::Neighbours { rings },
             Some("rays") => Fill::Rays(Rays { supersampling, points }),
             Some(other) => {
                 return Err(PyValueError::new_err(format!(

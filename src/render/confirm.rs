@@ -157,8 +157,9 @@ impl<F: Fn(u32) -> bool> Confirm<'_, F> {
     }
 }
 
-/// The samples in and around a face's box; `None` where a corner lies at or behind the eye's plane.
-fn around(view: &Projected, corners: [u32; 3]) -> Option<(Range<usize>, Range<usize>)> {
+/// The samples in and around a face's box, clipped to the image; `None` where a corner lies at or behind the eye's
+/// plane.
+pub fn around(view: &Projected, corners: [u32; 3]) -> Option<(Range<usize>, Range<usize>)> {
     let [a, b, c] = corners.map(|v| view.screen[v as usize]);
     let axis = |i: usize, size: usize| {
         if !(a[i] + b[i] + c[i]).is_finite() {

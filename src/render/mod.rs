@@ -8,10 +8,12 @@
 
 pub mod confirm;
 pub mod frame;
+pub mod neighbours;
 pub mod projected;
 pub mod raster;
 pub mod raycast;
 pub mod scene;
+pub mod shade;
 pub mod triangle;
 pub mod visible;
 

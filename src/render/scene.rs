@@ -4,10 +4,12 @@ use super::frame::Frame;
 use super::projected::Projected;
 use super::raster;
 use super::raycast::{self, Hierarchy};
+use crate::adjacency::{Csr, face_adjacency};
 use crate::camera::Camera;
 use crate::error::Error;
 use crate::mesh::Mesh;
 use rayon::prelude::*;
+use std::ops::Range;
 use std::sync::OnceLock;
 
 /// How an id-buffer is made. Both ways give the same bits.
@@ -26,6 +28,7 @@ pub struct Scene {
     mesh: Mesh,
     transparent: Option<Vec<bool>>,
     hierarchy: OnceLock<Hierarchy>,
+    adjacency: OnceLock<Csr>,
 }
 
 /// Measured on scans, CAD and interiors of 10^4 to 10^6 faces with both engines: a face costs the rasteriser
@@ -45,7 +48,7 @@ impl Scene {
                 mesh.faces().len()
             )));
         }
-        Ok(Self { mesh, transparent, hierarchy: OnceLock::new() })
+        Ok(Self { mesh, transparent, hierarchy: OnceLock::new(), adjacency: OnceLock::new() })
     }
 
     pub fn mesh(&self) -> &Mesh {
@@ -71,6 +74,19 @@ impl Scene {
     /// The opaque faces, ascending.
     pub fn opaque_faces(&self) -> impl Iterator<Item = u32> + '_ {
         (0..self.mesh.faces().len() as u32).filter(|&face| self.is_opaque(face))
+    }
+
+    /// The faces beside each face, found at the first call.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] where there are too many ([`face_adjacency`]).
+    pub fn adjacency(&self) -> Result<&Csr, Error> {
+        if self.adjacency.get().is_none() {
+            // Two threads may both find it; they find the same.
+            let found = face_adjacency(self.mesh.positions(), self.mesh.faces())?;
+            let _ = self.adjacency.set(found);
+        }
+        Ok(self.adjacency.get().expect("it was set just now"))
     }
 
     /// Draws one view, its bands of rows in parallel: `only` these faces, or else all opaque ones.
@@ -100,30 +116,43 @@ impl Scene {
                 Some(mask)
             }
         };
-        let counts =
-            |face: u32| drawn.as_ref().map_or_else(|| self.is_opaque(face), |mask| mask[face as usize]);
         let mut view = Projected::default();
         view.fill(&self.mesh, camera);
         let mut frame = Frame::default();
         frame.clear(view.width, view.height);
         let rows = view.height.div_ceil(4 * rayon::current_num_threads()).max(16);
-        let faces = self.mesh.faces();
-        let raster = match engine {
-            Engine::Raster => true,
-            Engine::Raycast => false,
-            Engine::Auto => only.map_or(count, <[u32]>::len) < RAY_COST_IN_FACES * view.width * view.height,
-        };
         frame.samples.par_chunks_mut(rows * view.width).enumerate().for_each(|(band, samples)| {
             let range = band * rows..((band + 1) * rows).min(view.height);
-            if raster {
-                match only {
-                    Some(ids) => raster::draw(&view, faces, ids.iter().copied(), range, samples),
-                    None => raster::draw(&view, faces, self.opaque_faces(), range, samples),
+            match (only, &drawn) {
+                (Some(ids), Some(mask)) => {
+                    if self.rasterises(engine, ids.len(), &view) {
+                        raster::draw(&view, self.mesh.faces(), ids.iter().copied(), range, samples);
+                    } else {
+                        let counts = |face: u32| mask[face as usize];
+                        raycast::cast(self.hierarchy(), &view, self.mesh.faces(), counts, range, samples);
+                    }
                 }
-            } else {
-                raycast::cast(self.hierarchy(), &view, faces, counts, range, samples);
+                _ => self.draw_rows(&view, engine, range, samples),
             }
         });
         Ok((view, frame))
+    }
+
+    /// Draws all opaque faces into a band of rows, whose samples must be clear.
+    pub fn draw_rows(&self, view: &Projected, engine: Engine, rows: Range<usize>, samples: &mut [u64]) {
+        let faces = self.mesh.faces();
+        if self.rasterises(engine, faces.len(), view) {
+            raster::draw(view, faces, self.opaque_faces(), rows, samples);
+        } else {
+            raycast::cast(self.hierarchy(), view, faces, |face| self.is_opaque(face), rows, samples);
+        }
+    }
+
+    fn rasterises(&self, engine: Engine, faces: usize, view: &Projected) -> bool {
+        match engine {
+            Engine::Raster => true,
+            Engine::Raycast => false,
+            Engine::Auto => faces < RAY_COST_IN_FACES * view.width * view.height,
+        }
     }
 }

@@ -127,6 +127,15 @@ impl Triangle {
     }
 }
 
+impl Triangle {
+    /// The shares of the three corners at the point of the face that is seen at a centred pixel position.
+    pub fn weights(&self, x: f64, y: f64) -> [f64; 3] {
+        let values = self.edges.map(|n| (n.x * x + n.y * y + n.z).max(0.0));
+        let sum: f64 = values.iter().sum();
+        if sum > 0.0 { values.map(|v| v / sum) } else { [1.0 / 3.0; 3] }
+    }
+}
+
 /// The side that a point exactly on an edge belongs to.
 #[inline(always)]
 fn owns_its_points(n: DVec3) -> bool {
@@ -202,6 +211,13 @@ impl Row<'_> {
         let value = (t.plane.x * x + self.plane).max(t.range[0]).min(t.range[1]);
         (value >= t.seen[0] && value <= t.seen[1]).then_some(Nearness(value))
     }
+}
+
+/// Which side a face turns to the camera: 1 if its corners run clockwise on the image, -1 if not, 0 if edge-on.
+pub fn facing(view: &Projected, corners: [u32; 3]) -> i8 {
+    let [a, b, c] = corners.map(|v| view.vertices[v as usize]);
+    let det = (b - a).cross(c - a).dot(a);
+    i8::from(det > 0.0) - i8::from(det < 0.0)
 }
 
 /// The nearness of a face's nearest corner; `None` if a corner lies at or behind the eye's plane.

@@ -2,14 +2,15 @@
 
 use super::confirm::{Confirm, Farthest};
 use super::frame::{self, Frame};
+use super::neighbours;
 use super::projected::Projected;
-use super::raster;
-use super::raycast::{self, Caster};
+use super::raycast::Caster;
 use super::scene::{Engine, Scene};
 use crate::camera::Camera;
 use crate::control::Control;
 use crate::error::Error;
 use rayon::prelude::*;
+use std::sync::Mutex;
 
 /// Words that a row of `faces` bits takes.
 pub fn row_words(faces: usize) -> usize {
@@ -31,6 +32,8 @@ fn is_set(row: &[u64], face: u32) -> bool {
 pub enum Fill {
     /// Nothing: the bare id-buffer.
     Bare,
+    /// Faces beside visible ones are taken to be visible, ring after ring ([`neighbours`]).
+    Neighbours { rings: usize },
     /// Each is looked for at points on it ([`confirm`](super::confirm)).
     Rays(Rays),
 }
@@ -38,16 +41,10 @@ pub enum Fill {
 /// How hard [`Fill::Rays`] looks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Rays {
-    /// Samples along each side of a pixel.
+    /// Samples along each side of a pixel, at least 1.
     pub supersampling: usize,
     /// Points tested on a face that the picture neither shows nor hides; a long one gets more.
     pub points: usize,
-}
-
-impl Default for Rays {
-    fn default() -> Self {
-        Self { supersampling: 3, points: 24 }
-    }
 }
 
 /// What one thread keeps between views.
@@ -58,7 +55,10 @@ struct Scratch {
     farthest: Farthest,
 }
 
-/// Sets in each row the faces that its camera sees; rows keep the bits they have.
+/// Sets in each row the faces that its camera sees, and the transparent ones; rows keep the bits they have, and no
+/// face whose bit is set is looked for.
+///
+/// Memory is one image for each thread, however many views there are.
 ///
 /// # Errors
 /// [`Error::Invalid`] for a bad camera or rows of the wrong size, [`Error::Interrupted`].
@@ -82,58 +82,84 @@ pub fn visible_rows(
     for camera in cameras {
         camera.check()?;
     }
-    rows.par_chunks_mut(words).zip(cameras).try_for_each_init(Scratch::default, |scratch, (row, camera)| {
-        let Scratch { view, frame, farthest } = scratch;
-        match fill {
-            Fill::Bare => view.fill(scene.mesh(), camera),
-            Fill::Rays(rays) => view.fill(scene.mesh(), &camera.supersampled(rays.supersampling)),
+    // What the threads share is made before they start.
+    match fill {
+        Fill::Bare => {}
+        Fill::Neighbours { .. } => drop(scene.adjacency()?),
+        Fill::Rays(Rays { supersampling: 0, .. }) => {
+            return Err(Error::Invalid("supersampling must be at least 1, got 0".into()));
         }
-        frame.clear(view.width, view.height);
-        if engine == Engine::Raycast {
-            raycast::cast(
-                scene.hierarchy(),
-                view,
-                scene.mesh().faces(),
-                |f| scene.is_opaque(f),
-                0..view.height,
-                &mut frame.samples,
-            );
-        } else {
-            raster::draw(
-                view,
-                scene.mesh().faces(),
-                scene.opaque_faces(),
-                0..view.height,
-                &mut frame.samples,
-            );
-        }
-        let mut last = 0;
-        for &sample in &frame.samples {
-            if sample as u32 != last && sample != 0 {
-                last = sample as u32;
-                set(row, frame::face(sample));
+        Fill::Rays(_) => drop(scene.hierarchy()),
+    }
+    let idle = Mutex::new(Vec::new());
+    rows.par_chunks_mut(words).zip(cameras).try_for_each(|(row, camera)| {
+        let mut scratch =
+            idle.lock().expect("no thread panics while it holds this").pop().unwrap_or_default();
+        look(scene, camera, fill, engine, row, &mut scratch)?;
+        idle.lock().expect("no thread panics while it holds this").push(scratch);
+        control.step(1)
+    })
+}
+
+/// One row.
+fn look(
+    scene: &Scene,
+    camera: &Camera,
+    fill: Fill,
+    engine: Engine,
+    row: &mut [u64],
+    scratch: &mut Scratch,
+) -> Result<(), Error> {
+    let Scratch { view, frame, farthest } = scratch;
+    let faces = scene.mesh().faces();
+    match fill {
+        Fill::Rays(rays) => view.fill(scene.mesh(), &camera.supersampled(rays.supersampling)),
+        Fill::Bare | Fill::Neighbours { .. } => view.fill(scene.mesh(), camera),
+    }
+    frame.clear(view.width, view.height);
+    scene.draw_rows(view, engine, 0..view.height, &mut frame.samples);
+    let mut seen = Vec::new();
+    let mut last = 0;
+    for &sample in &frame.samples {
+        if sample as u32 != last && sample != 0 {
+            last = sample as u32;
+            let face = frame::face(sample);
+            if !is_set(row, face) || matches!(fill, Fill::Neighbours { .. }) {
+                set(row, face);
+                seen.push(face);
             }
         }
-        if let Fill::Rays(rays) = fill {
+    }
+    match fill {
+        Fill::Bare => {}
+        Fill::Neighbours { rings } => {
+            let added = neighbours::beside(view, faces, scene.adjacency()?, seen, rings, |face| {
+                is_set(row, face) || !scene.is_opaque(face)
+            });
+            for face in added {
+                set(row, face);
+            }
+        }
+        Fill::Rays(rays) => {
             farthest.fill(frame);
             let mut confirm = Confirm {
                 hierarchy: scene.hierarchy(),
                 frame,
                 farthest,
                 hides: |face| scene.is_opaque(face),
-                caster: Caster::new(scene.hierarchy(), view, scene.mesh().faces()),
+                caster: Caster::new(scene.hierarchy(), view, faces),
                 suspects: Vec::new(),
             };
-            for (face, &corners) in scene.mesh().faces().iter().enumerate() {
+            for (face, &corners) in faces.iter().enumerate() {
                 let face = face as u32;
                 if !is_set(row, face) && scene.is_opaque(face) && confirm.sees(corners, rays.points) {
                     set(row, face);
                 }
             }
         }
-        for face in scene.transparent_faces() {
-            set(row, face);
-        }
-        control.step(1)
-    })
+    }
+    for face in scene.transparent_faces() {
+        set(row, face);
+    }
+    Ok(())
 }
