@@ -70,8 +70,8 @@ def rows_of(name: str, bits: cyc.Bitfields, order: np.ndarray, rounds: int) -> l
     for coder, (compress, decompress) in others.items():
         for kind, faces in (("input order", None), ("Morton order", order)):
             packed = np.packbits(flags if faces is None else flags[:, faces], axis=1, bitorder="little").tobytes()
-            stored, encode = timed(lambda data=packed: compress(data), 1)
-            _, decode = timed(lambda data=stored: decompress(data), rounds)
+            stored, encode = timed(lambda data=packed, compress=compress: compress(data), 1)
+            _, decode = timed(lambda data=stored, decompress=decompress: decompress(data), rounds)
             extra = 0 if faces is None else len(compress(permutation(faces)))
             add(f"{coder}, {kind}", len(stored), encode, decode, extra)
     return table

@@ -264,8 +264,8 @@ impl Faces {
         for &rank in &self.ranks[..self.size] {
             counts[rank as usize] += 1;
         }
-        for rank in 0..256 {
-            self.starts[rank + 1] = self.starts[rank] + counts[rank];
+        for (rank, count) in counts.iter().enumerate() {
+            self.starts[rank + 1] = self.starts[rank] + count;
         }
         let mut next = self.starts;
         for &face in &self.by_key {

@@ -20,7 +20,7 @@ impl Probability {
     #[inline(always)]
     fn learn(&mut self, bit: bool) {
         let target = if bit { 65_535 } else { 0 };
-        let step = (target - i32::from(self.set)) * INVERSE[usize::from(self.seen)] >> 16;
+        let step = ((target - i32::from(self.set)) * INVERSE[usize::from(self.seen)]) >> 16;
         // Never 0 or 65535 of 65536: either bit stays possible.
         self.set = (i32::from(self.set) + step).clamp(32, 65_535 - 32) as u16;
         self.seen += u16::from(self.seen < SLOWEST);
