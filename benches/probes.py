@@ -1,7 +1,7 @@
 """Accuracy bought by each probe: where probes look from, and what they look with.
 
-For some faces of a view sphere, the share of pixels that held-out views inside them miss, after so many probes for each, and the share of
-the scene that is culled there:
+For some faces of a view sphere, the share of pixels that held-out views inside them miss, after so many probes for
+each, and the share of the scene that is culled there:
 
     python benches/probes.py bunny.ply --views 258 --faces 24 --plot probes.png
 """

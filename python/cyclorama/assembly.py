@@ -124,8 +124,9 @@ def _placed(index: int, vis: Visibility, transform: npt.ArrayLike) -> Placed:
     stretch = np.linalg.svd(to_world[:3, :3], compute_uv=False)
     if not stretch[-1] > 1e-12 * stretch[0]:
         raise ValueError(f"objects[{index}]: the transform flattens space, its stretches are {stretch.tolist()}")
-    center = np.asarray(to_world[:3, :3] @ vis.sphere.center + to_world[:3, 3], dtype=np.float64)
-    return Placed(vis, to_world, np.linalg.inv(to_world), center, float(stretch[0]) * vis.model_radius)
+    center = to_world[:3, :3] @ vis.sphere.center + to_world[:3, 3]
+    inverse = np.asarray(np.linalg.inv(to_world), dtype=np.float64)
+    return Placed(vis, to_world, inverse, center, float(stretch[0]) * vis.model_radius)
 
 
 def _frustum(camera: Camera) -> tuple[Floats, Floats]:
