@@ -3,7 +3,7 @@
     python benches/bakes.py DATA                                  # every table; DATA holds bunny.ply, horse.ply, ...
     python benches/bakes.py DATA --only default                   # default bakes against the union of corner samples
     python benches/bakes.py DATA --only papers                    # culling for patches and polygons, bytes of files
-    python benches/bakes.py DATA --only promise --max-missed 1e-3 # bakes that find views, patches and resolution themselves
+    python benches/bakes.py DATA --only promise --max-missed 1e-3     # bakes that find views and patches themselves
 
 With Open3D installed, missed pixels are judged by Embree's id-buffers instead of this library's own.
 """
@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 import cyclorama as cyc
-from cyclorama.baking import bit_order, shell_of
+from cyclorama.baking import shell_of
 from cyclorama.confidence import bootstrap_interval
 from cyclorama.evaluation import random_directions
 
@@ -76,7 +76,7 @@ def missed(
 def corner_union(vis: cyc.Visibility) -> cyc.Visibility:
     """The same bake answered as the papers do."""
     shells = [replace(shell, cells=None) for shell in vis.shells]
-    return rebuilt(vis, shells, vis.labels, vis.order)
+    return rebuilt(vis, shells, vis.labels)
 
 
 def in_patches(vis: cyc.Visibility, scene: cyc.Scene, count: int) -> cyc.Visibility:
@@ -86,10 +86,10 @@ def in_patches(vis: cyc.Visibility, scene: cyc.Scene, count: int) -> cyc.Visibil
         shell_of(s.distance, s.bitfields.words, None if s.cells is None else s.cells.words, len(scene), labels)
         for s in vis.shells
     ]
-    return rebuilt(vis, shells, labels, bit_order(scene, labels))
+    return rebuilt(vis, shells, labels)
 
 
-def rebuilt(vis: cyc.Visibility, shells: list, labels: np.ndarray | None, order: np.ndarray) -> cyc.Visibility:
+def rebuilt(vis: cyc.Visibility, shells: list, labels: np.ndarray | None) -> cyc.Visibility:
     return cyc.Visibility(
         vis.sphere,
         shells,
@@ -98,7 +98,6 @@ def rebuilt(vis: cyc.Visibility, shells: list, labels: np.ndarray | None, order:
         labels=labels,
         settings=vis.settings,
         mesh=vis.mesh,
-        order=order,
         probes=vis.probes,
         found=vis.found,
         statement=vis.statement,

@@ -223,7 +223,10 @@ def test_patches_are_asked_of_bakes_that_have_them():
 def test_culling_rates_are_averages_of_what_is_answered(join: str):
     vis = baked(gear(), 18, join=join, probes=2)
     middles = vis.sphere.points[vis.sphere.faces].mean(axis=1)
-    culled = [1 - len(vis.visible_faces(vis.sphere.center + vis.sphere.radius * m / np.linalg.norm(m))) / vis.size for m in middles]
+    culled = [
+        1 - len(vis.visible_faces(vis.sphere.center + vis.sphere.radius * m / np.linalg.norm(m))) / vis.size
+        for m in middles
+    ]
     assert vis.culling_rate("faces") == pytest.approx(np.mean(culled))
     directions = random_directions(20000, 1)
     assert vis.culling_rate() == pytest.approx(np.take(culled, vis.sphere.locate(directions)).mean(), abs=5e-3)
@@ -295,7 +298,9 @@ def test_views_may_be_directions_or_the_authors_own_shots():
     directions = random_directions(12, 4)
     by_directions = baked(scene, 3 * directions, probes=2)
     np.testing.assert_allclose(by_directions.sphere.points, directions)
-    shots = [cyc.Camera.look_at(scene.center + 4 * scene.radius * d, scene.center, width=200, height=200) for d in directions]
+    shots = [
+        cyc.Camera.look_at(scene.center + 4 * scene.radius * d, scene.center, width=200, height=200) for d in directions
+    ]
     by_shots = baked(scene, shots, probes=2)
     assert by_shots.bitfields == scene.visible(shots, progress=False)
     np.testing.assert_array_equal(by_shots.sphere.faces, sphere.hull(directions))

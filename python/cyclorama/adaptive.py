@@ -84,7 +84,7 @@ def bake_within(
     progress: Progress,
 ) -> Visibility:
     """`cyclorama.bake` with ``max_missed=``."""
-    from .baking import bit_order, mean_scores, patch_labels, shell_of, view_points
+    from .baking import mean_scores, patch_labels, shell_of, view_points
 
     if not 0 < max_missed < 1:
         raise ValueError(f"max_missed must lie in (0, 1), got {max_missed}")
@@ -113,7 +113,6 @@ def bake_within(
         labels=labels,
         settings=Settings(chosen.resolution, framing.fov_y, fill, "cells", 3, seed),
         mesh=fingerprint(scene),
-        order=bit_order(scene, labels),
         probes=refined.cells.probes,
         found=mean_scores(refined.cells.scores),
         statement=statement,

@@ -153,7 +153,6 @@ def bake(
         labels=labels,
         settings=settings,
         mesh=fingerprint(scene),
-        order=bit_order(scene, labels),
         probes=spent,
         found=mean_scores(scores),
     )
@@ -245,15 +244,6 @@ def fold(rows: Words, labels: npt.NDArray[np.uint32]) -> Bitfields:
         patch_flags[:, used] = np.logical_or.reduceat(flags, starts[used], axis=1)
         folded[first : first + step] = bitfield.pack(patch_flags)
     return Bitfields(folded, size)
-
-
-def bit_order(scene: Scene, labels: npt.NDArray[np.uint32] | None) -> npt.NDArray[np.uint32]:
-    """The faces, or the patches, along a space-filling curve."""
-    middles = scene.vertices.astype(np.float64)[scene.faces].mean(axis=1) - scene.center
-    if labels is None:
-        return bitfield.morton_order(middles)
-    members = np.maximum(np.bincount(labels), 1)
-    return bitfield.morton_order(np.column_stack([np.bincount(labels, middles[:, k]) / members for k in range(3)]))
 
 
 def mean_scores(scores: list[tuple[int, Floats]]) -> Floats:

@@ -62,7 +62,6 @@ def merge(*bakes: Visibility) -> Visibility:
         labels=first.labels,
         settings=first.settings,
         mesh=first.mesh,
-        order=first.order,
         probes=np.sum([bake.probes for bake in bakes], axis=0),
         found=np.column_stack([missed / np.maximum(faces, 1), faces]),
         statement="; ".join(dict.fromkeys(bake.statement for bake in bakes if bake.statement)),

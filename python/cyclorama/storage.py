@@ -1,9 +1,8 @@
 """The file of a bake: one ``.npz`` that plain NumPy opens without pickle.
 
 Members: ``header`` (a JSON text: format, settings, figures), ``points`` (N, 3) and ``sphere_faces`` (M, 3) of the
-sphere, ``order`` (the bit j of a stored row is bit ``order[j]`` of the row in memory: a space-filling order, in which
-rows are long runs), ``labels`` (F,) the patch of each face if there are patches, ``probes`` and ``found``, and for
-shell k the rows ``bitfields_k`` and ``cells_k`` as `cyclorama.bitfield.encode` writes them.
+sphere, ``labels`` (F,) the patch of each face if there are patches, ``probes`` and ``found``, and ``rows_...``: the rows
+of all viewpoints, then of all sphere faces, shell by shell, as `cyclorama.bitfield.encode` writes them.
 
 A file is written beside its final name and renamed when it is whole.
 """
@@ -25,7 +24,6 @@ import numpy as np
 import numpy.typing as npt
 
 from . import bitfield
-from .bitfield import Bitfields
 from .viewsphere import ViewSphere
 from .visibility import Settings, Shell, Visibility
 
@@ -44,7 +42,7 @@ def save(vis: Visibility, path: str | os.PathLike[str]) -> None:
         "radius": vis.sphere.radius,
         "model_radius": vis.model_radius,
         "faces": vis.size,
-        "bits": vis.bitfields.size,
+        "cells": vis.cells is not None,
         "mesh": vis.mesh,
         "statement": vis.statement,
     }
@@ -52,16 +50,12 @@ def save(vis: Visibility, path: str | os.PathLike[str]) -> None:
         "header": np.array(json.dumps(header)),
         "points": vis.sphere.points,
         "sphere_faces": vis.sphere.faces,
-        "order": vis.order,
         "probes": vis.probes,
         "found": vis.found,
     }
     if vis.labels is not None:
         members["labels"] = vis.labels
-    for k, shell in enumerate(vis.shells):
-        members[f"bitfields_{k}"] = _encode(shell.bitfields, vis.order)
-        if shell.cells is not None:
-            members[f"cells_{k}"] = _encode(shell.cells, vis.order)
+    members |= {f"rows_{name}": array for name, array in _coded(vis).items()}
     with _whole_or_nothing(path) as file:
         np.savez_compressed(file, **members)  # type: ignore[arg-type]
 
@@ -82,18 +76,16 @@ def _read(file: Any) -> Visibility:
     settings = dict(header["settings"])
     settings["resolution"] = tuple(settings["resolution"])
     labels = file["labels"] if "labels" in file else None
-    order, bits = file["order"], int(header["bits"])
-    shells = [
-        Shell(
-            float(distance),
-            _decode(file[f"bitfields_{k}"], order, bits),
-            _decode(file[f"cells_{k}"], order, bits) if f"cells_{k}" in file else None,
-        )
-        for k, distance in enumerate(header["distances"])
-    ]
-    view_sphere = ViewSphere(
-        file["points"], file["sphere_faces"], np.asarray(header["center"], dtype=np.float64), float(header["radius"])
-    )
+    points, faces = file["points"], file["sphere_faces"]
+    rows = bitfield.decode({name.removeprefix("rows_"): file[name] for name in file if name.startswith("rows_")})
+    each = len(points) + (len(faces) if header["cells"] else 0)
+    if len(rows) != each * len(header["distances"]):
+        raise ValueError(f"it has {len(rows)} rows for {len(header['distances'])} distances of {each}")
+    shells = []
+    for k, distance in enumerate(header["distances"]):
+        own = rows[k * each : (k + 1) * each]
+        shells.append(Shell(float(distance), own[: len(points)], own[len(points) :] if header["cells"] else None))
+    view_sphere = ViewSphere(points, faces, np.asarray(header["center"], dtype=np.float64), float(header["radius"]))
     return Visibility(
         view_sphere,
         shells,
@@ -102,7 +94,6 @@ def _read(file: Any) -> Visibility:
         labels=labels,
         settings=Settings(**settings),
         mesh=header["mesh"],
-        order=order,
         probes=file["probes"],
         found=file["found"],
         statement=header["statement"],
@@ -129,18 +120,7 @@ def _whole_or_nothing(path: str | os.PathLike[str]) -> Iterator[IO[bytes]]:
         raise
 
 
-def _encode(rows: Bitfields, order: npt.NDArray[np.uint32]) -> npt.NDArray[np.uint64]:
-    return _permuted(rows.words, rows.size, order)
-
-
-def _decode(stored: npt.NDArray[np.uint64], order: npt.NDArray[np.uint32], size: int) -> Bitfields:
-    back = np.empty_like(order)
-    back[order] = np.arange(size, dtype=order.dtype)
-    return Bitfields(_permuted(stored, size, back), size)
-
-
-def _permuted(words: npt.NDArray[np.uint64], size: int, order: npt.NDArray[np.uint32]) -> npt.NDArray[np.uint64]:
-    """Rows whose bit j is bit ``order[j]`` of the given ones."""
-    step = max(1, (1 << 26) // size)
-    parts = [bitfield.pack(bitfield.unpack(words[k : k + step], size)[:, order]) for k in range(0, len(words), step)]
-    return np.concatenate(parts) if parts else words
+def _coded(vis: Visibility) -> dict[str, npt.NDArray[Any]]:
+    """All rows in one stream: a cell's row is best told from those of its corners."""
+    rows = [part.words for shell in vis.shells for part in (shell.bitfields, shell.cells) if part is not None]
+    return bitfield.encode(np.concatenate(rows), vis.bitfields.size)

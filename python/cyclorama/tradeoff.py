@@ -25,7 +25,6 @@ import numpy.typing as npt
 
 from . import lab
 from .baking import bake, shell_of
-from .baking import bit_order as stored_order
 from .confidence import bootstrap_interval, upper_mean
 from .framing import Framing
 from .lab import Row
@@ -265,7 +264,6 @@ def in_patches(vis: Visibility, scene: Scene, labels: npt.NDArray[np.uint32]) ->
         labels=labels,
         settings=vis.settings,
         mesh=vis.mesh,
-        order=stored_order(scene, labels),
         probes=vis.probes,
         found=vis.found,
     )

@@ -95,8 +95,6 @@ class Visibility:
         How the rows were made.
     mesh : str
         The scene's fingerprint.
-    order : (B,) ndarray of uint32
-        The bits (faces or patches) along a space-filling curve, as the file stores them.
     probes : (M,) ndarray of int64
         Probes spent on each sphere face, over all shells.
     found : (P, 2) ndarray of float64
@@ -116,7 +114,6 @@ class Visibility:
         labels: Ids | None,
         settings: Settings,
         mesh: str,
-        order: Ids,
         probes: npt.NDArray[np.int64],
         found: npt.NDArray[np.float64] | None = None,
         statement: str = "",
@@ -128,7 +125,6 @@ class Visibility:
         self.labels = labels
         self.settings = settings
         self.mesh = mesh
-        self.order = order
         self.probes = probes
         self.found = np.empty((0, 2)) if found is None else found
         self.statement = statement
