@@ -15,7 +15,8 @@ shares = st.lists(st.floats(0, 1), min_size=1, max_size=60)
 def test_views_that_miss_nothing_bound_the_mean_by_three_over_their_number():
     for count in (100, 1000, 30000):
         bound = upper_mean(np.zeros(count))
-        assert -np.log(0.05) / count * 0.99 < bound < -np.log(0.05 / WEIGHTS[0]) / count * 1.1
+        # The stake of 1 alone needs (1 + m)^n = 20, with half of the capital 40.
+        assert 20 ** (1 / count) - 1 < bound < (20 / WEIGHTS[0]) ** (1.001 / count) - 1
 
 
 def test_the_bound_is_the_least_mean_that_bets_refuse():

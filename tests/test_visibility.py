@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -141,7 +142,7 @@ def test_nearer_and_farther_eyes_join_ever_more_cells():
 
     for path in ([1.0, 0.9, 0.7, 0.5], [1.0, 1.2, 2.0, 10.0]):
         answers = [answer(share) for share in path]
-        assert all(a <= b for a, b in zip(answers, answers[1:], strict=False))
+        assert all(a <= b for a, b in pairwise(answers))
 
 
 def test_shells_answer_at_and_between_their_distances():
@@ -223,10 +224,8 @@ def test_patches_are_asked_of_bakes_that_have_them():
 def test_culling_rates_are_averages_of_what_is_answered(join: str):
     vis = baked(gear(), 18, join=join, probes=2)
     middles = vis.sphere.points[vis.sphere.faces].mean(axis=1)
-    culled = [
-        1 - len(vis.visible_faces(vis.sphere.center + vis.sphere.radius * m / np.linalg.norm(m))) / vis.size
-        for m in middles
-    ]
+    eyes = vis.sphere.center + vis.sphere.radius * middles / np.linalg.norm(middles, axis=1, keepdims=True)
+    culled = [1 - len(vis.visible_faces(eye)) / vis.size for eye in eyes]
     assert vis.culling_rate("faces") == pytest.approx(np.mean(culled))
     directions = random_directions(20000, 1)
     assert vis.culling_rate() == pytest.approx(np.take(culled, vis.sphere.locate(directions)).mean(), abs=5e-3)
@@ -298,9 +297,8 @@ def test_views_may_be_directions_or_the_authors_own_shots():
     directions = random_directions(12, 4)
     by_directions = baked(scene, 3 * directions, probes=2)
     np.testing.assert_allclose(by_directions.sphere.points, directions)
-    shots = [
-        cyc.Camera.look_at(scene.center + 4 * scene.radius * d, scene.center, width=200, height=200) for d in directions
-    ]
+    eyes = scene.center + 4 * scene.radius * directions
+    shots = [cyc.Camera.look_at(eye, scene.center, width=200, height=200) for eye in eyes]
     by_shots = baked(scene, shots, probes=2)
     assert by_shots.bitfields == scene.visible(shots, progress=False)
     np.testing.assert_array_equal(by_shots.sphere.faces, sphere.hull(directions))
@@ -356,7 +354,7 @@ def test_bad_input_is_refused_by_name(message: str):
 def test_bad_eyes_are_refused():
     vis = gear_bake()
     for eye in ([0, 0, np.nan], [np.inf, 0, 0], [1, 2], "eye"):
-        with pytest.raises(ValueError, match="eye|float"):
+        with pytest.raises(ValueError, match=r"eye|float"):
             vis.visible_faces(eye)
     with pytest.raises(ValueError, match="centre"):
         vis.samples(vis.sphere.center)

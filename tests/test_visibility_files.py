@@ -14,7 +14,7 @@ from cyclorama import storage
 
 @functools.cache
 def scene() -> cyc.Scene:
-    return cyc.scenes.gear(faces=1500)
+    return cyc.scenes.gear(faces=1500, teeth=20)
 
 
 @functools.cache
