@@ -414,7 +414,7 @@ def encode(words: npt.ArrayLike, size: int) -> dict[str, npt.NDArray[Any]]:
     dict of ndarray
         ``version``, ``size`` and ``checksum`` (unsigned integers, no dimensions); ``references`` ((S, 8) unsigned: the
         earlier rows that each row is coded after, the highest value for none); ``stream`` (uint8: the coded bytes) and
-        ``starts`` (uint64: where each block of 2^15 faces begins in it, and the end).
+        ``starts`` (uint64: where each block of at most 2^16 faces begins in it, and the end).
 
     Raises
     ------
@@ -426,7 +426,8 @@ def encode(words: npt.ArrayLike, size: int) -> dict[str, npt.NDArray[Any]]:
     Rows resemble each other, and so do the bits of faces that other views see alike. A context-adaptive binary
     arithmetic coder predicts each bit from the bits of the eight earlier rows most like its row, and from the bits
     before it in an order of the faces in which those that earlier rows see alike are neighbours. The decoder knows
-    those rows, so that order is nowhere stored. See ``benches/bitfield_coding.py`` for sizes and times beside others'.
+    those rows, so that order is nowhere stored. Rows that resemble each other belong in one call: a sphere's rows for
+    its faces after those for its corners take little more. ``benches/bitfield_coding.py`` shows sizes and times.
 
     Examples
     --------

@@ -7,7 +7,7 @@
 //! to store, unlike one by position: for bunny, where the permutation along a Morton curve takes half as many bytes as all rows.
 //!
 //! In that order a bit is predicted from the references' bits (one byte) and the few bits before it. Runs are
-//! taken 16 faces at a time.
+//! taken 32 faces at a time.
 //!
 //! Blocks of faces are coded apart from each other, on as many threads as there are.
 
@@ -15,22 +15,23 @@ use super::range::{Coder, Decoder, Encoder, Probability};
 use crate::control::Control;
 use crate::error::Error;
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// References of a row: their bits make a byte.
 pub const REFERENCES: usize = 8;
 /// Stands for "no more references" in a list of them.
 pub const NONE: u32 = u32::MAX;
 
-/// Words of a block: 2^15 faces.
-const BLOCK: usize = 512;
+/// Most words of a block: 2^16 faces, which a `u16` numbers. Larger blocks have less to learn anew, smaller ones more threads.
+const BLOCK: usize = 1024;
 /// First rows by which faces are sorted before the references: as many bits as a key has.
 const KEY_ROWS: usize = 128;
 /// Bits before a bit that predict it.
-const HISTORY: u32 = 4;
+const HISTORY: u32 = 3;
 /// No byte stands for as many bits: a run costs at least `-log2(1 - 32 / 2^16)` bits.
-const MOST_BITS_A_BYTE: usize = 8 << 15;
+const MOST_BITS_A_BYTE: usize = 8 << 16;
 /// Faces of a run that are coded as one bit.
-const RUN: usize = 16;
+const RUN: usize = 32;
 
 /// A sum of rows that a changed, missing or moved bit changes, for telling damaged bytes from good ones.
 ///
@@ -102,9 +103,11 @@ pub fn encode(
     (0..blocks(width))
         .into_par_iter()
         .map(|block| {
-            let mut rows = gather(words, width, references.len(), block);
+            let span = span(width, block);
+            let row = |row: usize| &words[row * width..][span.clone()];
+            let mut rows: Vec<u64> = (0..references.len()).flat_map(row).copied().collect();
             let mut encoder = Encoder::new();
-            code_block(&mut encoder, &mut rows, block_size(size, block), references, control)?;
+            code_block(&mut encoder, &mut rows, faces_in(&span, size), references, control)?;
             Ok(encoder.finish())
         })
         .collect()
@@ -143,9 +146,10 @@ pub fn decode(
         .par_iter()
         .enumerate()
         .map(|(block, bytes)| {
-            let mut rows = vec![0; block_width(width, block) * references.len()];
+            let span = span(width, block);
+            let mut rows = vec![0; span.len() * references.len()];
             let mut decoder = Decoder::new(bytes);
-            code_block(&mut decoder, &mut rows, block_size(size, block), references, control)?;
+            code_block(&mut decoder, &mut rows, faces_in(&span, size), references, control)?;
             match decoder.left() {
                 0 => Ok(rows),
                 left => Err(Error::Invalid(format!("block {block} has {left} bytes too many"))),
@@ -155,8 +159,8 @@ pub fn decode(
     let mut words = Vec::with_capacity(width * references.len());
     for row in 0..references.len() {
         for (block, rows) in decoded.iter().enumerate() {
-            let width = block_width(width, block);
-            words.extend_from_slice(&rows[row * width..][..width]);
+            let own = span(width, block).len();
+            words.extend_from_slice(&rows[row * own..][..own]);
         }
     }
     Ok(words)
@@ -173,18 +177,15 @@ fn check_references(references: &[[u32; REFERENCES]]) -> Result<(), Error> {
     Ok(())
 }
 
-fn block_width(width: usize, block: usize) -> usize {
-    (width - block * BLOCK).min(BLOCK)
+/// The words of a row that a block has: blocks differ by one word at most.
+fn span(width: usize, block: usize) -> Range<usize> {
+    let count = blocks(width);
+    block * width / count..(block + 1) * width / count
 }
 
-fn block_size(size: usize, block: usize) -> usize {
-    (size - block * BLOCK * 64).min(BLOCK * 64)
-}
-
-/// The words of one block of all rows.
-fn gather(words: &[u64], width: usize, rows: usize, block: usize) -> Vec<u64> {
-    let own = block_width(width, block);
-    (0..rows).flat_map(|row| &words[row * width + block * BLOCK..][..own]).copied().collect()
+/// Faces among a span of words.
+fn faces_in(span: &Range<usize>, size: usize) -> usize {
+    size.min(span.end * 64) - span.start * 64
 }
 
 /// Codes one block's rows: in full when they are put in, filled in when they are taken out.

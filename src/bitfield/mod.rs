@@ -11,7 +11,7 @@ pub mod coding;
 mod order;
 mod range;
 
-pub use order::{morton_order, reorder};
+pub use order::morton_order;
 
 use crate::error::Error;
 

@@ -49,16 +49,6 @@ pub fn morton_order(points: &[[f64; 3]]) -> Result<Vec<u32>, Error> {
     Ok(keys.into_iter().map(|(_, index)| index).collect())
 }
 
-/// Copies a row so that bit `k` of `out` is bit `order[k]` of `row`; `out` arrives zeroed.
-pub fn reorder(row: &[u64], order: &[u32], out: &mut [u64]) {
-    for (word, faces) in out.iter_mut().zip(order.chunks(64)) {
-        *word = faces
-            .iter()
-            .enumerate()
-            .fold(0, |bits, (k, &face)| bits | (row[face as usize / 64] >> (face % 64) & 1) << k);
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
