@@ -151,6 +151,7 @@ mod tests {
         faces[2] = [0, 3, 1];
         let adjacency = face_adjacency(&positions, &faces).unwrap();
         assert_eq!(adjacency.list(2), [0]);
+        assert_eq!(edge_faces(&positions, &faces).items.iter().filter(|&&face| face == 2).count(), 1);
         faces[2] = [0, 0, 3];
         assert!(face_adjacency(&positions, &faces).unwrap().list(2).is_empty());
     }

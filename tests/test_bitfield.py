@@ -59,6 +59,18 @@ def test_a_summary_names_the_words_that_have_faces(flags):
     np.testing.assert_array_equal(bitfield.union(summary), bitfield.summary(bits.union())[0])
 
 
+def test_a_summary_of_several_words_skips_what_is_empty():
+    bits = Bitfields.from_ids([[0, 63 * 64, 64 * 64, 127 * 64 + 5, 9_999], []], 10_000)
+    summary = bits.summary()
+    assert summary.shape == (2, 3)
+    np.testing.assert_array_equal(bitfield.ids(summary[0]), [0, 63, 64, 127, 156])
+    out = np.zeros(5, dtype=np.uint32)
+    np.testing.assert_array_equal(bitfield.ids(bits.words[0], summary=summary[0], out=out), bits.ids(0))
+    assert len(bitfield.ids(bits.words[1], summary=summary[1])) == 0
+    with pytest.raises(ValueError, match="room for 4 ids, the row has 5"):
+        bitfield.ids(bits.words[0], summary=summary[0], out=out[:4])
+
+
 def test_chosen_rows_are_joined_as_integers_or_as_a_mask():
     flags = random_flags(9, 300)
     bits = Bitfields.pack(flags)
@@ -233,6 +245,16 @@ def test_damaged_files_are_refused(data):
         return
     # A changed byte after the last that matters changes nothing; neither does a reference nobody needed.
     assert decoded == bits
+
+
+@pytest.mark.parametrize("position", range(0, 400, 40))
+def test_one_changed_bit_of_the_stream_is_noticed(position):
+    bits = Bitfields.pack(similar_rows(20, 900))
+    coded = bitfield.encode(bits.words, bits.size)
+    stream = coded["stream"].copy()
+    stream[position] ^= 4
+    with pytest.raises(ValueError, match="damaged|too many"):
+        bitfield.decode(coded | {"stream": stream})
 
 
 @given(hnp.arrays(np.uint8, st.integers(0, 400)), st.integers(0, 3000), st.integers(0, 30))
