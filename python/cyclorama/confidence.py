@@ -105,17 +105,20 @@ def bootstrap_interval(
     risk = _risk(confidence)
     if len(x) == 0:
         return 0.0, 1.0
-    mean, error = x.mean(), x.std(ddof=1) / np.sqrt(len(x)) if len(x) > 1 else 0.0
+    mean = float(x.mean())
+    error = float(x.std(ddof=1) / np.sqrt(len(x))) if len(x) > 1 else 0.0
     if error == 0:
-        return float(mean), float(mean)
+        return mean, mean
     resampled = x[np.random.default_rng(seed).integers(len(x), size=(draws, len(x)))]
     spread = resampled.std(axis=1, ddof=1) / np.sqrt(len(x))
-    # A resample of equal values knows no spread; it counts as the widest, so that rare values are not forgotten.
-    with np.errstate(divide="ignore", invalid="ignore"):
-        t = (resampled.mean(axis=1) - mean) / spread
-    t[spread == 0] = np.sign(resampled.mean(axis=1) - mean)[spread == 0] * np.inf
-    low, high = np.quantile(t, [risk / 2, 1 - risk / 2], method="nearest")
-    return float(np.clip(mean - high * error, 0, mean)), float(np.clip(mean - low * error, mean, 1))
+    means = resampled.mean(axis=1)
+    # A resample of equal values (often zeros) knows no spread. Where few values differ there are many of those, and the
+    # others say little of the far side: there the resampled means themselves reach farther.
+    t = ((means - mean)[spread > 0]) / spread[spread > 0]
+    tails = [risk / 2, 1 - risk / 2]
+    low, high = np.quantile(t, tails) if len(t) else (0.0, 0.0)
+    nearest, farthest = np.quantile(means, tails)
+    return max(0.0, float(min(mean - high * error, nearest))), min(1.0, float(max(mean - low * error, farthest)))
 
 
 def _shares(values: npt.ArrayLike) -> npt.NDArray[np.float64]:
