@@ -140,7 +140,7 @@ def test_the_fewest_patches_keep_their_share_of_the_culling():
     assert 0.9 * vis.culling_rate() <= tiled.culling_rate() <= vis.culling_rate()
 
 
-# Probes ---------------------------------------------------------------------------------------------------------------
+# Probes -------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("strategy", STRATEGIES)

@@ -1,8 +1,8 @@
 """The file of a bake: one ``.npz`` that plain NumPy opens without pickle.
 
 Members: ``header`` (a JSON text: format, settings, figures), ``points`` (N, 3) and ``sphere_faces`` (M, 3) of the
-sphere, ``labels`` (F,) the patch of each face if there are patches, ``probes`` and ``found``, and ``rows_...``: the rows
-of all viewpoints, then of all sphere faces, shell by shell, as `cyclorama.bitfield.encode` writes them.
+sphere, ``labels`` (F,) the patch of each face if there are patches, ``probes`` and ``found``, and ``rows_...``: the
+rows of all viewpoints, then of all sphere faces, shell by shell, as `cyclorama.bitfield.encode` writes them.
 
 A file is written beside its final name and renamed when it is whole.
 """
