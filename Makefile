@@ -14,8 +14,9 @@ DEMO_EXTRAS := mesh,viz
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 
+# On a real mesh where one lies beside the clone, else on a gear; the pictures go to out/.
 demo: $(VENV)/.demo $(VENV)/.built
-	$(BIN)/cyclorama demo
+	$(BIN)/cyclorama demo $(wildcard ../shared/data/bunny.ply)
 
 test: lint
 	cargo test --quiet
