@@ -75,13 +75,13 @@ def _panel(panel: Any, chart: Tradeoff, cost: str, floor: float, zero: float | N
         panel.plot(x, y, "-", color=color, linewidth=1.4, zorder=3)
         panel.plot(x, y, "o", color=color, markersize=6.5, label=name, zorder=4, markeredgecolor="white")
         if number == 0 and len(rows) > 1:
-            for place in (0, -1):
+            for place, offset, side in ((0, (0, 9), "center"), (-1, (10, -3), "left")):
                 panel.annotate(
                     f"{rows[place]['views']:,} views",
                     (x[place], y[place]),
-                    xytext=(0, 9),
+                    xytext=offset,
                     textcoords="offset points",
-                    ha="center",
+                    ha=side,
                     fontsize=8.5,
                     color=color,
                     zorder=5,

@@ -233,13 +233,14 @@ def _judge(vis: Visibility, test: _Test, size: int) -> Row:
         if test.away is not None:
             backfacing.append(float(np.count_nonzero(~answered & test.away[view]) / size))
     low, high = bootstrap_interval(missed)
+    bound = upper_mean(missed)
     culled = 1 - float(np.mean(drawn))
     away = float(np.mean(backfacing)) if backfacing else None
     return {
         "missed": float(np.mean(missed)),
         "missed_low": low,
-        "missed_high": high,
-        "missed_bound": upper_mean(missed),
+        "missed_high": min(high, bound),
+        "missed_bound": bound,
         "missed_worst": max(missed),
         "culled": culled,
         "backfacing": away,
