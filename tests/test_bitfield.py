@@ -253,7 +253,7 @@ def test_one_changed_bit_of_the_stream_is_noticed(position):
     coded = bitfield.encode(bits.words, bits.size)
     stream = coded["stream"].copy()
     stream[position] ^= 4
-    with pytest.raises(ValueError, match="damaged|too many"):
+    with pytest.raises(ValueError, match=r"damaged|too many"):
         bitfield.decode(coded | {"stream": stream})
 
 
