@@ -1,5 +1,8 @@
 //! The rasteriser: walks the faces, and in each face's box the pixels.
 
+#[cfg(target_arch = "x86_64")]
+mod avx512;
+
 use super::frame::sample;
 use super::projected::{Projected, screen_error};
 use super::triangle::Triangle;
@@ -153,99 +156,131 @@ fn fill_box(target: Target<'_>, triangle: &Triangle, id: u32) {
     }
 }
 
-/// Eight pixels of a row at a time, with the operations of [`fill_box`] in the same order.
-#[cfg(target_arch = "x86_64")]
-mod avx512 {
-    use super::{Projected, Projection, Target, Triangle};
-    use std::arch::x86_64::*;
-    use std::ops::Range;
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera::Camera;
+    use crate::mesh::Mesh;
+    use crate::render::raycast;
+    use crate::render::scene::Scene;
+    use glam::{DMat3, DVec3};
+    use proptest::prelude::*;
 
-    #[target_feature(enable = "avx512f,avx512vl")]
-    pub fn draw(
-        view: &Projected,
-        faces: &[[u32; 3]],
-        ids: impl Iterator<Item = u32>,
-        rows: Range<usize>,
-        samples: &mut [u64],
-    ) {
-        super::draw_with(view, faces, ids, rows, samples, |target, triangle, id| {
-            fill_box(target, triangle, id);
-        });
+    fn camera(distance: f64, width: usize, height: usize, near: f64, projection: Projection) -> Camera {
+        let focal = match projection {
+            Projection::Perspective => 0.8 * width.max(height) as f64,
+            Projection::Orthographic => 0.3 * width.max(height) as f64,
+        };
+        Camera {
+            k: DMat3::from_cols_array(&[
+                focal,
+                0.0,
+                0.0,
+                0.0,
+                focal,
+                0.0,
+                0.5 * width as f64,
+                0.5 * height as f64,
+                1.0,
+            ]),
+            rotation: DMat3::IDENTITY,
+            translation: DVec3::new(0.0, 0.0, distance),
+            width,
+            height,
+            near,
+            projection,
+        }
     }
 
-    #[target_feature(enable = "avx512f,avx512vl")]
-    #[inline]
-    fn fill_box(target: Target<'_>, triangle: &Triangle, id: u32) {
-        let Target { view, samples, rows, columns } = target;
-        let offset = view.column(0);
-        if columns.len() <= 8 {
-            fill_columns(view, samples, columns, rows.start, triangle, id);
-        } else {
-            for (y, line) in rows.zip(samples.chunks_exact_mut(view.width)) {
-                let run = triangle.along_row(view.row(y)).span(columns.clone(), offset);
-                let mut start = run.start;
-                while start < run.end {
-                    let end = run.end.min(start + 8);
-                    fill_columns(view, line, start..end, y, triangle, id);
-                    start = end;
+    /// Vertices on a coarse grid, so that shared corners, edge-on faces, coincident faces and pixel centres on edges
+    /// are common.
+    fn soup() -> impl Strategy<Value = Mesh> {
+        let vertices = prop::collection::vec(prop::array::uniform3(-4_i32..=4), 4..40);
+        let faces = prop::collection::vec(prop::array::uniform3(0_u32..40), 1..60);
+        (vertices, faces).prop_filter_map("no face has an area", |(vertices, faces)| {
+            let vertices: Vec<[f64; 3]> = vertices.iter().map(|v| v.map(|x| f64::from(x) * 0.25)).collect();
+            let faces = faces.iter().map(|f| f.map(|v| v % vertices.len() as u32)).collect();
+            Mesh::new(&vertices, faces).ok()
+        })
+    }
+
+    fn drawn(view: &Projected, draw: impl FnOnce(&mut [u64])) -> Vec<u64> {
+        let mut samples = vec![0; view.width * view.height];
+        draw(&mut samples);
+        samples
+    }
+
+    proptest! {
+        #[test]
+        fn every_way_to_draw_gives_the_same_bits(
+            mesh in soup(),
+            distance in prop_oneof![Just(3.0), Just(0.25), Just(0.0), -1.0..4.0],
+            near in prop_oneof![Just(0.0), 0.0..1.0],
+            width in 1_usize..40,
+            height in 1_usize..30,
+            projection in prop_oneof![Just(Projection::Perspective), Just(Projection::Orthographic)],
+            split in 0_usize..30,
+        ) {
+            let camera = camera(distance, width, height, near, projection);
+            let mut view = Projected::default();
+            view.fill(&mesh, &camera);
+            let faces = mesh.faces();
+            let ids = || 0..faces.len() as u32;
+            let plain = drawn(&view, |s| draw_with(&view, faces, ids(), 0..height, s, fill_box));
+            let fast = drawn(&view, |s| draw(&view, faces, ids(), 0..height, s));
+            prop_assert_eq!(&plain, &fast);
+            let bands = drawn(&view, |s| {
+                let split = split.min(height);
+                let (top, bottom) = s.split_at_mut(split * width);
+                draw(&view, faces, ids().rev(), 0..split, top);
+                draw(&view, faces, ids(), split..height, bottom);
+            });
+            prop_assert_eq!(&plain, &bands);
+            // A face seen edge-on covers, if anything, what rounding covers, and there the engines look elsewhere.
+            let flat = |s: u64| s != 0 && is_edge_on(&view, faces[crate::render::frame::face(s) as usize]);
+            let scene = Scene::new(mesh.clone(), None).unwrap();
+            let cast = drawn(&view, |s| raycast::cast(scene.hierarchy(), &view, faces, |_| true, 0..height, s));
+            for (pixel, (&a, &b)) in plain.iter().zip(&cast).enumerate() {
+                prop_assert!(a == b || flat(a) || flat(b), "pixel {pixel}: {a:x} and {b:x}");
+            }
+        }
+
+        #[test]
+        fn a_tiled_rectangle_is_covered_once_everywhere(
+            inner in prop::collection::vec((0.05_f64..0.95, 0.05_f64..0.95), 1..12),
+            width in 1_usize..50,
+            height in 1_usize..40,
+        ) {
+            // Fans: each point joined to its triangle's corners, starting from two that cover the image.
+            let mut vertices = vec![[-3.0, -3.0, 0.0], [3.0, -3.0, 0.0], [3.0, 3.0, 0.0], [-3.0, 3.0, 0.0]];
+            let mut faces: Vec<[u32; 3]> = vec![[0, 1, 2], [0, 2, 3]];
+            for (k, (u, v)) in inner.into_iter().enumerate() {
+                let [a, b, c] = faces.swap_remove(k % faces.len());
+                let (u, v) = if u + v < 1.0 { (u, v) } else { (1.0 - u, 1.0 - v) };
+                let at = |i: u32| DVec3::from(vertices[i as usize]);
+                let point = at(a) * (1.0 - u - v) + at(b) * u + at(c) * v;
+                let new = vertices.len() as u32;
+                vertices.push([point.x, point.y, 0.0]);
+                faces.extend([[a, b, new], [b, c, new], [c, a, new]]);
+            }
+            let mesh = Mesh::new(&vertices, faces).unwrap();
+            let mut view = Projected::default();
+            view.fill(&mesh, &camera(1.0, width, height, 0.0, Projection::Perspective));
+            let mut times = vec![0; width * height];
+            for face in 0..mesh.faces().len() as u32 {
+                let alone = drawn(&view, |s| draw(&view, mesh.faces(), std::iter::once(face), 0..height, s));
+                for (times, sample) in times.iter_mut().zip(alone) {
+                    *times += usize::from(sample != 0);
                 }
             }
+            prop_assert!(times.iter().all(|&t| t == 1), "{times:?}");
         }
     }
 
-    /// Fills up to eight columns of the rows that `samples` holds, the first of them row `top`.
-    #[target_feature(enable = "avx512f,avx512vl")]
-    #[inline]
-    fn fill_columns(
-        view: &Projected,
-        samples: &mut [u64],
-        columns: Range<usize>,
-        top: usize,
-        triangle: &Triangle,
-        id: u32,
-    ) {
-        let t = triangle;
-        // Halves below 2^16: these sums are exact, so they equal `column as f64 + offset`.
-        let x = _mm512_add_pd(
-            _mm512_set1_pd(columns.start as f64 + view.column(0)),
-            _mm512_set_pd(7.0, 6.0, 5.0, 4.0, 3.0, 2.0, 1.0, 0.0),
-        );
-        let wanted: __mmask8 = ((1_u32 << columns.len()) - 1) as u8;
-        let product = |slope: f64| _mm512_mul_pd(_mm512_set1_pd(slope), x);
-        let edges = [product(t.edges[0].x), product(t.edges[1].x), product(t.edges[2].x)];
-        let least = [_mm512_set1_pd(t.least[0]), _mm512_set1_pd(t.least[1]), _mm512_set1_pd(t.least[2])];
-        let plane = product(t.plane.x);
-        let (low, high) = (_mm512_set1_pd(t.range[0]), _mm512_set1_pd(t.range[1]));
-        let all_seen = t.range[0] >= t.seen[0] && t.range[1] <= t.seen[1];
-        let id = _mm512_set1_epi64(i64::from(!id));
-        let mut y = view.row(top);
-        for line in samples.chunks_exact_mut(view.width) {
-            let mut mask = wanted;
-            for edge in 0..3 {
-                let constant = t.edges[edge].y * y + t.edges[edge].z;
-                let value = _mm512_add_pd(edges[edge], _mm512_set1_pd(constant));
-                mask = _mm512_mask_cmp_pd_mask::<_CMP_GE_OQ>(mask, value, least[edge]);
-            }
-            let value = _mm512_add_pd(plane, _mm512_set1_pd(t.plane.y * y + t.plane.z));
-            y += 1.0;
-            let value = _mm512_min_pd(_mm512_max_pd(value, low), high);
-            if !all_seen {
-                mask = _mm512_mask_cmp_pd_mask::<_CMP_GE_OQ>(mask, value, _mm512_set1_pd(t.seen[0]));
-                mask = _mm512_mask_cmp_pd_mask::<_CMP_LE_OQ>(mask, value, _mm512_set1_pd(t.seen[1]));
-            }
-            let bits = _mm256_castps_si256(_mm512_cvtpd_ps(value));
-            let key = match view.projection {
-                Projection::Perspective => _mm256_max_epu32(bits, _mm256_set1_epi32(1)),
-                Projection::Orthographic => _mm256_xor_si256(bits, _mm256_set1_epi32(-1)),
-            };
-            let new = _mm512_or_si512(_mm512_slli_epi64::<32>(_mm512_cvtepu32_epi64(key)), id);
-            let at = line[columns.clone()].as_mut_ptr().cast::<i64>();
-            // SAFETY: `wanted`, and with it the mask, keeps both accesses within `columns` of the line; u64 and i64
-            // have the same layout.
-            unsafe {
-                let old = _mm512_maskz_loadu_epi64(mask, at);
-                _mm512_mask_storeu_epi64(at, mask, _mm512_max_epu64(old, new));
-            }
-        }
+    /// Whether the eye lies in a face's plane, to within rounding.
+    fn is_edge_on(view: &Projected, corners: [u32; 3]) -> bool {
+        let [a, b, c] = corners.map(|v| view.vertices[v as usize]);
+        let normal = (b - a).cross(c - a);
+        normal.dot(a).abs() <= 1e-9 * normal.length() * a.length()
     }
 }
