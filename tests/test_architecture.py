@@ -18,7 +18,7 @@ MAY_USE = {
     "patch": {"adjacency"},
     "bitfield": set(),
     "sphere": set(),
-    "render": {"mesh", "camera"},
+    "render": {"mesh", "camera", "adjacency"},
     "visibility": {"mesh", "camera", "render"},
 }
 
