@@ -3,7 +3,8 @@
 2001, figure 5: share of the polygons that 25 samples cull, six joined, averaged over the faces of the hull, images of
 1320 x 1074; and the claims of its section 3: three samples against six, 14, 25 and 55 of them. 2002, table 1: culling
 rate of 1026 samples at 510 x 480 with patches, averaged over directions. `missed` is the mean share of covered pixels
-that random held-out views lose, `backfacing` and `occluded` are the parts of what these views cull. The papers' own models differ from the meshes here where the number of faces does.
+that random held-out views lose, `backfacing` and `occluded` are the parts of what these views cull. The papers' own
+models differ from the meshes here where the number of faces does.
 
 Ours are given both with a bare id-buffer, as the papers took it, and with the default sampler.
 """
