@@ -5,7 +5,8 @@
 //! of the same width follow each other in one slice.
 //!
 //! Loops go over one word at a time and leave the vectors to the compiler. Where the processor has
-//! wider instructions than the build assumes, the same loops are compiled a second time for them.
+//! wider instructions than the build assumes, those that gain by it are compiled again for them: listing ids 1.6 times
+//! faster, packing and unpacking 3, counting 7 (a million faces, AVX-512). A union gains nothing.
 
 pub mod coding;
 mod order;
@@ -84,6 +85,8 @@ macro_rules! widest {
 
 use widest;
 
+pub use scalar::{and, and_not, or};
+
 /// The loops themselves: safe, and what the wider versions are tested against.
 mod scalar {
     #[inline(always)]
@@ -102,21 +105,21 @@ mod scalar {
         }
     }
 
-    #[inline(always)]
+    /// Adds the faces of `other` to `into`.
     pub fn or(into: &mut [u64], other: &[u64]) {
         for (a, &b) in into.iter_mut().zip(other) {
             *a |= b;
         }
     }
 
-    #[inline(always)]
+    /// Keeps in `into` the faces that `other` has too.
     pub fn and(into: &mut [u64], other: &[u64]) {
         for (a, &b) in into.iter_mut().zip(other) {
             *a &= b;
         }
     }
 
-    #[inline(always)]
+    /// Takes the faces of `other` out of `into`.
     pub fn and_not(into: &mut [u64], other: &[u64]) {
         for (a, &b) in into.iter_mut().zip(other) {
             *a &= !b;
@@ -152,18 +155,6 @@ widest! {
 widest! {
     /// Spreads one row over a flag for each face: the inverse of [`pack`].
     pub fn unpack(words: &[u64], flags: &mut [bool]) = scalar::unpack
-}
-widest! {
-    /// Adds the faces of `other` to `into`.
-    pub fn or(into: &mut [u64], other: &[u64]) = scalar::or
-}
-widest! {
-    /// Keeps in `into` the faces that `other` has too.
-    pub fn and(into: &mut [u64], other: &[u64]) = scalar::and
-}
-widest! {
-    /// Takes the faces of `other` out of `into`.
-    pub fn and_not(into: &mut [u64], other: &[u64]) = scalar::and_not
 }
 widest! {
     /// Number of faces in a row.
@@ -264,18 +255,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_wide_loops_equal_the_scalar_ones(a in prop::collection::vec(any::<u64>(), 0..70), b in any::<u64>()) {
-            let other: Vec<u64> = a.iter().map(|w| w.wrapping_mul(b | 1)).collect();
-            for (wide, plain) in [
-                (or as fn(&mut [u64], &[u64]), scalar::or as fn(&mut [u64], &[u64])),
-                (and, scalar::and),
-                (and_not, scalar::and_not),
-            ] {
-                let (mut x, mut y) = (a.clone(), a.clone());
-                wide(&mut x, &other);
-                plain(&mut y, &other);
-                prop_assert_eq!(x, y);
-            }
+        fn the_wide_loops_equal_the_scalar_ones(a in prop::collection::vec(any::<u64>(), 0..70)) {
             prop_assert_eq!(count(&a), scalar::count(&a));
             let (mut x, mut y) = (vec![0; a.len() * 64], vec![0; a.len() * 64]);
             let found = ids(&a, &mut x);
