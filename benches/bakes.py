@@ -14,13 +14,13 @@ import argparse
 import tempfile
 import time
 from collections.abc import Callable
+from copy import copy
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 import cyclorama as cyc
-from cyclorama.baking import shell_of
 from cyclorama.confidence import bootstrap_interval
 from cyclorama.evaluation import random_directions
 
@@ -75,33 +75,14 @@ def missed(
 
 def corner_union(vis: cyc.Visibility) -> cyc.Visibility:
     """The same bake answered as the papers do."""
-    shells = [replace(shell, cells=None) for shell in vis.shells]
-    return rebuilt(vis, shells, vis.labels)
+    union = copy(vis)
+    union.shells = tuple(replace(shell, cells=None) for shell in vis.shells)
+    return union
 
 
 def in_patches(vis: cyc.Visibility, scene: cyc.Scene, count: int) -> cyc.Visibility:
     """The same bake with a bit per patch."""
-    labels = cyc.patches.tile(scene.vertices, scene.faces, count)
-    shells = [
-        shell_of(s.distance, s.bitfields.words, None if s.cells is None else s.cells.words, len(scene), labels)
-        for s in vis.shells
-    ]
-    return rebuilt(vis, shells, labels)
-
-
-def rebuilt(vis: cyc.Visibility, shells: list, labels: np.ndarray | None) -> cyc.Visibility:
-    return cyc.Visibility(
-        vis.sphere,
-        shells,
-        model_radius=vis.model_radius,
-        size=vis.size,
-        labels=labels,
-        settings=vis.settings,
-        mesh=vis.mesh,
-        probes=vis.probes,
-        found=vis.found,
-        statement=vis.statement,
-    )
+    return vis.in_patches(cyc.patches.tile(scene.vertices, scene.faces, count))
 
 
 def file_bytes(vis: cyc.Visibility) -> int:

@@ -121,6 +121,15 @@ def test_merging_is_idempotent_and_takes_any_order():
     assert cyc.merge(a, b, c).cells == cyc.merge(cyc.merge(c, a), b).cells
 
 
+def test_parts_of_a_bake_are_joined_to_what_all_their_probes_found():
+    parts = [cyc.bake(scene(), 18, resolution=(64, 60), probes=4, part=(k, 3), progress=False) for k in range(3)]
+    merged = cyc.merge(*parts)
+    np.testing.assert_array_equal(merged.probes, bake().probes)
+    assert [(part.probes > 0).sum() for part in parts] == [11, 11, 10]
+    # Four probes are one round: nothing that the parts did not tell each other could have changed it.
+    assert merged.cells == bake().cells
+
+
 def test_bakes_of_other_things_are_not_merged():
     other = cyc.bake(cyc.scenes.gear(faces=1600, teeth=20), 18, resolution=(64, 60), probes=0, progress=False)
     samples = cyc.bake(scene(), 18, resolution=(64, 60), join="samples", progress=False)

@@ -14,9 +14,8 @@ from hypothesis import strategies as st
 
 import cyclorama as cyc
 from cyclorama import bitfield, sphere
-from cyclorama.baking import fold
 from cyclorama.evaluation import random_directions
-from cyclorama.visibility import everything
+from cyclorama.visibility import everything, fold
 
 SMALL = (96, 90)
 
@@ -218,6 +217,17 @@ def test_patches_are_asked_of_bakes_that_have_them():
         gear_bake().visible_patches([9, 9, 9])
 
 
+def test_a_bake_is_put_into_patches_afterwards():
+    scene = gear()
+    labels = cyc.patches.tile(scene.vertices, scene.faces, 60)
+    at_once, later = baked(scene, 66, patches=labels), gear_bake().in_patches(labels)
+    assert at_once.bitfields == later.bitfields and at_once.cells == later.cells
+    with pytest.raises(ValueError, match="already"):
+        later.in_patches(labels)
+    with pytest.raises(ValueError, match="labels"):
+        gear_bake().in_patches(labels[1:])
+
+
 # Figures ------------------------------------------------------------------------------------------------------------
 
 
@@ -232,6 +242,23 @@ def test_culling_rates_are_averages_of_what_is_answered(join: str):
     assert vis.culling_rate() == pytest.approx(np.take(culled, vis.sphere.locate(directions)).mean(), abs=5e-3)
     with pytest.raises(ValueError, match="weight"):
         vis.culling_rate("views")
+
+
+def test_culling_is_shared_out_to_faces_that_turn_away_and_hidden_ones():
+    for turn in (slice(None), slice(None, None, -1)):
+        convex = cyc.Scene(ball().vertices, ball().faces[:, turn])
+        away, hidden = baked(convex, 18).culling_shares(convex)
+        assert away > 0.3 and hidden < 1e-3
+    boxes = cyc.scenes.nested_boxes(3)
+    vis = baked(boxes, 66)
+    away, hidden = vis.culling_shares(boxes)
+    assert away + hidden == pytest.approx(vis.culling_rate())
+    # Both inner boxes are never seen: their faces toward the eye are hidden, the others turn away.
+    corners = boxes.vertices[boxes.faces[12:]]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    eyes = vis.sphere.radius * random_directions(2000, 0)
+    toward = (eyes @ normals.T > np.einsum("ij,ij->i", normals, corners[:, 0])).mean()
+    assert hidden == pytest.approx(toward * 2 / 3, abs=0.01)
 
 
 def test_a_bake_tells_what_it_is():
@@ -341,6 +368,7 @@ BAD = {
     "distances must be": lambda s: baked(s, distances=[]),
     "max_missed must lie in": lambda s: baked(s, max_missed=0.0),
     "max_missed= needs": lambda s: baked(s, max_missed=0.1, join="samples"),
+    "part must be": lambda s: baked(s, part=(2, 2)),
     "progress must be": lambda s: baked(s, progress="loud"),
 }
 

@@ -276,9 +276,8 @@ def _within(p: Floats, a: Floats, b: Floats, c: Floats) -> bool:
 
 def _fewest_patches(scene: Scene, rows: Words, weights: Floats) -> npt.NDArray[np.uint32] | None:
     """Labels of the fewest patches, of a few counts, that keep a share of the culling; None where only all faces do."""
-    from .baking import fold
     from .patches import tile
-    from .visibility import count_faces
+    from .visibility import count_faces, fold
 
     def culling(words: Words, size: int, labels: npt.NDArray[np.uint32] | None) -> float:
         return float((1 - count_faces(words, size, labels) / len(scene)) @ weights)

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from . import bitfield, patches, sphere
+from . import patches, sphere
 from .bitfield import Bitfields
 from .camera import Camera
 from .fingerprint import fingerprint
@@ -24,7 +24,7 @@ from .progress import Progress, reporter
 from .render import Fill
 from .scene import Scene
 from .viewsphere import ViewSphere
-from .visibility import Settings, Shell, Visibility
+from .visibility import Settings, Shell, Visibility, fold
 
 __all__ = ["bake"]
 
@@ -49,6 +49,7 @@ def bake(
     probes: int = 32,
     strategy: str = "edges",
     seed: int = 0,
+    part: tuple[int, int] = (0, 1),
     threads: int | None = None,
 ) -> Visibility:
     """Finds out what of a scene can be seen from any direction around it.
@@ -90,6 +91,9 @@ def bake(
         Where probes look from; see `cyclorama.probing`.
     seed : int
         Of the probes' places.
+    part : (int, int)
+        Which of how many parts of the view sphere's faces get probes: (0, 3), (1, 3) and (2, 3) on three machines,
+        joined by `merge`. The others answer what their corners see.
     threads : int, optional
         All cores by default. The answer does not depend on it.
 
@@ -110,14 +114,14 @@ def bake(
     >>> 0.2 < vis.culling_rate() < 0.5
     True
     """
-    check_options(join=join, join_count=join_count, probes=probes, strategy=strategy)
+    check_options(join=join, join_count=join_count, probes=probes, strategy=strategy, part=part)
     framing = Framing.of(scene, resolution, fov_y)
     shells_at = _distances(framing, distances)
     if max_missed is not None:
         from . import adaptive
 
-        if join != "cells" or shells_at != [1.0] or _shots(views) is not None:
-            raise ValueError("max_missed= needs join='cells', no distances= and no cameras: it places views itself")
+        if join != "cells" or shells_at != [1.0] or part != (0, 1) or _shots(views) is not None:
+            raise ValueError("max_missed= needs join='cells', no distances=, part= or cameras: it places views itself")
         return adaptive.bake_within(
             scene, max_missed, views, patches, framing, fill, probes, strategy, seed, threads, progress
         )
@@ -140,7 +144,7 @@ def bake(
                 begun = samples if shots is None else samples | looker.see(points)
                 cells = Cells.of_corners(begun, faces)
                 prober = Prober(points, faces, seed, strategy)
-                cells.probe(looker, prober, np.arange(len(faces)), probes)
+                cells.probe(looker, prober, np.arange(part[0], len(faces), part[1]), probes)
                 spent += cells.probes
                 scores += cells.scores
             shells.append(shell_of(distance, samples, None if cells is None else cells.rows, len(scene), labels))
@@ -158,7 +162,7 @@ def bake(
     )
 
 
-def check_options(*, join: str, join_count: int, probes: int, strategy: str) -> None:
+def check_options(*, join: str, join_count: int, probes: int, strategy: str, part: tuple[int, int]) -> None:
     """Refuses options that are none, before any work."""
     if join not in ("cells", "samples"):
         raise ValueError(f"join must be 'cells' or 'samples', got {join!r}")
@@ -168,6 +172,8 @@ def check_options(*, join: str, join_count: int, probes: int, strategy: str) -> 
         raise ValueError(f"probes must be a count of at least 0, got {probes!r}")
     if strategy not in STRATEGIES:
         raise ValueError(f"strategy must be one of {', '.join(STRATEGIES)}, got {strategy!r}")
+    if len(part) != 2 or not 0 <= part[0] < part[1]:
+        raise ValueError(f"part must be (index, count) with 0 <= index < count, got {part!r}")
 
 
 def view_points(scene: Scene, views: Views) -> tuple[Floats, npt.NDArray[np.uint32], list[Camera] | None]:
@@ -221,29 +227,6 @@ def shell_of(
     if labels is None:
         return Shell(distance, Bitfields(samples, size), None if cells is None else Bitfields(cells, size))
     return Shell(distance, fold(samples, labels), None if cells is None else fold(cells, labels))
-
-
-def fold(rows: Words, labels: npt.NDArray[np.uint32]) -> Bitfields:
-    """Rows with a bit per patch, set where any face of the patch is.
-
-    Examples
-    --------
-    >>> fold(bitfield.pack([True, False, False]), np.array([1, 1, 0], dtype=np.uint32)).unpack()
-    array([[False,  True]])
-    """
-    size = int(labels.max()) + 1
-    order = np.argsort(labels, kind="stable")
-    starts = np.searchsorted(labels[order], np.arange(size))
-    # A label that no face has leaves an empty run, to which reduceat would give the next face.
-    used = np.bincount(labels, minlength=size) > 0
-    folded = np.zeros((len(rows), bitfield.width(size)), dtype=np.uint64)
-    step = max(1, (1 << 26) // len(labels))
-    for first in range(0, len(rows), step):
-        flags = bitfield.unpack(rows[first : first + step], len(labels))[:, order]
-        patch_flags = np.zeros((len(flags), size), dtype=bool)
-        patch_flags[:, used] = np.logical_or.reduceat(flags, starts[used], axis=1)
-        folded[first : first + step] = bitfield.pack(patch_flags)
-    return Bitfields(folded, size)
 
 
 def mean_scores(scores: list[tuple[int, Floats]]) -> Floats:

@@ -29,7 +29,7 @@ Floats = npt.NDArray[np.float64]
 BINS = np.linspace(0.0, 1.0, 52)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Evaluation:
     """Figures of V held-out views.
 
@@ -57,7 +57,7 @@ class Evaluation:
         Share of the answer that `Scene.visible` does not confirm for this very eye; NaN where that was not asked.
     answer_seconds, whole_seconds, culled_seconds : (V,) ndarray of float64
         Time to find the answer, to draw the whole id-buffer, to draw that of the answer.
-    file_bytes : int
+    nbytes : int
         Bytes of the bake in memory.
     confidence : float
         Of `interval` and `bound`.

@@ -35,7 +35,7 @@ from .framing import Framing, unit_directions
 from .scene import Scene
 from .viewsphere import ViewSphere
 
-__all__ = ["Settings", "Shell", "Visibility"]
+__all__ = ["Settings", "Shell", "Visibility", "fold"]
 
 Words = npt.NDArray[np.uint64]
 Ids = npt.NDArray[np.uint32]
@@ -298,6 +298,88 @@ class Visibility:
         culled = 1 - self.answered() / self.size
         return float(culled @ self.sphere.solid_angles if weight == "solid_angle" else culled.mean())
 
+    def culling_shares(self, scene: Scene) -> tuple[float, float]:
+        """Parts of `culling_rate`: faces that turn away from the eye, and faces that are hidden.
+
+        Parameters
+        ----------
+        scene : Scene
+            What this was baked from.
+
+        Returns
+        -------
+        backfacing, occluded : float
+            Shares of the scene's faces, averaged over directions by eyes in the middles of the sphere's faces. Which
+            side of the faces is their front is taken from what is answered most.
+
+        Raises
+        ------
+        ValueError
+            If this was baked from another scene.
+        """
+        self.check(scene)
+        corners = scene.vertices.astype(np.float64)[scene.faces]
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        offsets = np.einsum("ij,ij->i", normals, corners[:, 0] - self.sphere.center)
+        middles = self.sphere.points[self.sphere.faces].mean(axis=1)
+        middles /= np.linalg.norm(middles, axis=1, keepdims=True)
+        culled_away = culled_toward = kept_away = kept_toward = 0.0
+        faces = 0
+        for rows in self._cell_rows():
+            for row in rows:
+                kept = bitfield.unpack(row, self.bitfields.size)[0]
+                kept = kept if self.labels is None else kept[self.labels]
+                toward = normals @ (self.shells[0].distance * self.sphere.radius * middles[faces]) > offsets
+                weight = self.sphere.solid_angles[faces] / self.size
+                culled_toward += weight * np.count_nonzero(~kept & toward)
+                culled_away += weight * np.count_nonzero(~kept & ~toward)
+                kept_toward += weight * np.count_nonzero(kept & toward)
+                kept_away += weight * np.count_nonzero(kept & ~toward)
+                faces += 1
+        outward = kept_toward >= kept_away
+        return (culled_away, culled_toward) if outward else (culled_toward, culled_away)
+
+    def in_patches(self, labels: npt.ArrayLike) -> Visibility:
+        """The same bake with a bit per patch instead of one per face (2002, section 3.1).
+
+        Parameters
+        ----------
+        labels : (F,) array_like of int
+            Patch of each face.
+
+        Returns
+        -------
+        Visibility
+            A patch is visible where any of its faces is.
+
+        Raises
+        ------
+        ValueError
+            If this bake has patches already, or there is not one label for each face.
+        """
+        patch = np.asarray(labels)
+        if self.labels is not None:
+            raise ValueError("this bake has patches already: its rows no longer tell faces apart")
+        if patch.shape != (self.size,) or patch.dtype.kind not in "iu" or patch.min() < 0:
+            raise ValueError(f"labels must be ({self.size},) integers from 0, got {patch.shape} {patch.dtype}")
+        patch = patch.astype(np.uint32)
+        shells = [
+            Shell(s.distance, fold(s.bitfields.words, patch), None if s.cells is None else fold(s.cells.words, patch))
+            for s in self.shells
+        ]
+        return Visibility(
+            self.sphere,
+            shells,
+            model_radius=self.model_radius,
+            size=self.size,
+            labels=patch,
+            settings=self.settings,
+            mesh=self.mesh,
+            probes=self.probes,
+            found=self.found,
+            statement=self.statement,
+        )
+
     def answered(self, shell: int = 0) -> npt.NDArray[np.int64]:
         """(M,) number of faces that eyes in each face of the sphere are answered."""
         counts = [count_faces(rows, self.bitfields.size, self.labels) for rows in self._cell_rows(shell)]
@@ -422,6 +504,29 @@ class Visibility:
 def corner_samples(faces: npt.NDArray[np.uint32], which: npt.NDArray[np.int64], count: int) -> npt.NDArray[np.int64]:
     """(K, 3) or (K, 6) viewpoints around some faces of the sphere."""
     return sphere.surrounding(faces, which, count=count).astype(np.int64)
+
+
+def fold(rows: Words, labels: npt.NDArray[np.uint32]) -> Bitfields:
+    """Rows with a bit per patch, set where any face of the patch is.
+
+    Examples
+    --------
+    >>> fold(bitfield.pack([True, False, False]), np.array([1, 1, 0], dtype=np.uint32)).unpack()
+    array([[False,  True]])
+    """
+    size = int(labels.max()) + 1
+    order = np.argsort(labels, kind="stable")
+    starts = np.searchsorted(labels[order], np.arange(size))
+    # A label that no face has leaves an empty run, to which reduceat would give the next face.
+    used = np.bincount(labels, minlength=size) > 0
+    folded = np.zeros((len(rows), bitfield.width(size)), dtype=np.uint64)
+    step = max(1, (1 << 26) // len(labels))
+    for first in range(0, len(rows), step):
+        flags = bitfield.unpack(rows[first : first + step], len(labels))[:, order]
+        patch_flags = np.zeros((len(flags), size), dtype=bool)
+        patch_flags[:, used] = np.logical_or.reduceat(flags, starts[used], axis=1)
+        folded[first : first + step] = bitfield.pack(patch_flags)
+    return Bitfields(folded, size)
 
 
 def count_faces(rows: Words, size: int, labels: Ids | None) -> npt.NDArray[np.int64]:
