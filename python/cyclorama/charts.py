@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import math
 import os
 from collections.abc import Sequence
@@ -23,13 +24,11 @@ INK, FAINT, FRONT = "#222222", "#9a9a9a", "#f2c14e"
 
 def draw(chart: Tradeoff, costs: Sequence[str], path: str | os.PathLike[str] | None) -> Any:
     """One panel for each cost, all with the same axis of error; see `Tradeoff.plot`."""
-    from matplotlib.figure import Figure
-
     series = chart.series
     if not series:
         raise ValueError("no row has a figure to draw: all of them failed")
     floor, zero = _levels([row["missed"] for rows in series.values() for row in rows])
-    figure = Figure(figsize=(5.4 * len(costs) + 0.6, 5.2), layout="constrained", facecolor="white")
+    figure = _figure(figsize=(5.4 * len(costs) + 0.6, 5.2), layout="constrained", facecolor="white")
     panels = figure.subplots(1, len(costs), sharey=True, squeeze=False)[0]
     for number, (panel, cost) in enumerate(zip(panels, costs, strict=True)):
         _panel(panel, chart, cost, floor, zero)
@@ -44,6 +43,19 @@ def draw(chart: Tradeoff, costs: Sequence[str], path: str | os.PathLike[str] | N
         with whole_file(path) as file:
             figure.savefig(file, dpi=160, format=os.fspath(path).rsplit(".", 1)[-1].lower())
     return figure
+
+
+def _figure(**options: Any) -> Any:
+    """A figure that a notebook shows by itself, whatever backend is in use."""
+    from matplotlib.figure import Figure
+
+    class Chart(Figure):
+        def _repr_png_(self) -> bytes:
+            file = io.BytesIO()
+            self.savefig(file, dpi=80, format="png")
+            return file.getvalue()
+
+    return Chart(**options)
 
 
 def _levels(missed: Sequence[float]) -> tuple[float, float | None]:

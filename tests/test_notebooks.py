@@ -1,0 +1,21 @@
+"""Every notebook runs from top to bottom, and is stored without what it prints."""
+
+from pathlib import Path
+
+import pytest
+
+NOTEBOOKS = sorted((Path(__file__).parents[1] / "notebooks").glob("*.ipynb"))
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_the_notebook_runs(path):
+    nbformat = pytest.importorskip("nbformat", reason="reads notebooks")
+    client = pytest.importorskip("nbclient", reason="runs notebooks")
+    pytest.importorskip("ipykernel", reason="runs notebooks")
+    pytest.importorskip("matplotlib", reason="draws their charts")
+    notebook = nbformat.read(path, as_version=4)
+    assert not any(cell.get("outputs") for cell in notebook.cells), "clear the outputs before committing"
+    client.NotebookClient(notebook, timeout=300, kernel_name="python3").execute()
+    outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
+    assert any("image/png" in output.get("data", {}) for output in outputs), "no chart was drawn"
+    assert any("<table>" in output.get("data", {}).get("text/html", "") for output in outputs)
