@@ -15,7 +15,6 @@ from typing import Any
 
 import bench
 import cyclorama as cyc
-from cyclorama.tradeoff import in_patches
 
 #: Model here, the paper's model, its faces, its samples' culled share, pixels missed of 255 x 255.
 FIGURE_5 = (
@@ -88,7 +87,7 @@ def patches_2002(asked: Any) -> None:
                 vis = baked
                 if patches is not None:
                     labels = cyc.patches.tile(scene.vertices, scene.faces, patches, progress=False)
-                    vis = in_patches(baked, scene, labels)
+                    vis = baked.in_patches(labels)
                 row = {"mesh": name, "faces": len(scene), "patches": patches, "fill": fill or "none"}
                 ours = figures(vis, scene, asked.eval_views) | {"culled": vis.culling_rate()}
                 rows.append(row | ours | {"paper: faces": faces, "paper: culled": culled})

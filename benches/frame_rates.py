@@ -20,7 +20,6 @@ import bench
 import cyclorama as cyc
 from cyclorama import lab
 from cyclorama.framing import Framing
-from cyclorama.tradeoff import in_patches
 
 os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
 
@@ -187,7 +186,7 @@ def main() -> None:
         bakes = {f"{views:,} samples, faces": vis for views, vis in by_views.items()}
         for count in asked.patches:
             labels = cyc.patches.tile(scene.vertices, scene.faces, count, progress=False)
-            bakes[f"{max(asked.views):,} samples, {count:,} patches"] = in_patches(densest, scene, labels)
+            bakes[f"{max(asked.views):,} samples, {count:,} patches"] = densest.in_patches(labels)
         table, gl = measure(scene, bakes, asked.frames, asked.rounds, size)
         for row, views in zip(table, asked.views, strict=False):
             row["samples"] = views

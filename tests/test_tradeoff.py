@@ -9,7 +9,7 @@ import pytest
 import cyclorama as cyc
 from cyclorama import tradeoff as make
 from cyclorama.framing import Framing
-from cyclorama.tradeoff import COSTS, Tradeoff, in_patches
+from cyclorama.tradeoff import COSTS, Tradeoff
 
 SMALL = {"resolution": (96, 90), "progress": False}
 
@@ -66,16 +66,6 @@ def test_a_row_says_what_a_bake_of_its_own_says(gear, chart):
         drawn.append(len(faces) / len(gear))
     assert row["missed"] == pytest.approx(np.mean(missed))
     assert row["drawn"] == pytest.approx(np.mean(drawn))
-
-
-def test_a_folded_bake_is_the_bake_of_these_patches(gear):
-    labels = cyc.patches.tile(gear.vertices, gear.faces, 40)
-    for join in ("samples", "cells"):
-        faces = cyc.bake(gear, 6, None, (64, 64), join=join, probes=4, progress=False)
-        patched = cyc.bake(gear, 6, labels, (64, 64), join=join, probes=4, progress=False)
-        folded = in_patches(faces, gear, labels)
-        assert folded.bitfields == patched.bitfields
-        assert folded.cells == patched.cells
 
 
 def test_half_of_a_closed_convex_mesh_faces_away_and_none_of_it_is_hidden():

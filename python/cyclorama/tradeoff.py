@@ -24,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import lab
-from .baking import bake, shell_of
+from .baking import bake
 from .confidence import bootstrap_interval, upper_mean
 from .framing import Framing
 from .lab import Row
@@ -156,7 +156,7 @@ class _Experiment:
         if patches is not None:
             labels, tiling, note = self._tile(patches)
             start = time.perf_counter()
-            vis = in_patches(vis, self.scene, labels)
+            vis = vis.in_patches(labels)
             seconds += tiling + time.perf_counter() - start
         test = self._test(resolution)
         row: Row = {"time": seconds, "bytes": file_bytes(vis), **_judge(vis, test, len(self.scene))}
@@ -249,25 +249,6 @@ def _judge(vis: Visibility, test: _Test, size: int) -> Row:
         "false": float(np.mean(false)),
         "query": statistics.median(times),
     }
-
-
-def in_patches(vis: Visibility, scene: Scene, labels: npt.NDArray[np.uint32]) -> Visibility:
-    """A bake with a bit per face as one with a bit per patch, of which any face is seen."""
-    shells = [
-        shell_of(shell.distance, shell.bitfields.words, shell.cells.words if shell.cells else None, vis.size, labels)
-        for shell in vis.shells
-    ]
-    return Visibility(
-        vis.sphere,
-        shells,
-        model_radius=vis.model_radius,
-        size=vis.size,
-        labels=labels,
-        settings=vis.settings,
-        mesh=vis.mesh,
-        probes=vis.probes,
-        found=vis.found,
-    )
 
 
 def file_bytes(vis: Visibility) -> int:
