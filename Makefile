@@ -16,7 +16,7 @@ DEMO_EXTRAS := mesh,viz
 
 # On a real mesh where one lies beside the clone, else on a gear; the pictures go to out/.
 demo: $(VENV)/.demo $(VENV)/.built
-	$(BIN)/cyclorama demo $(wildcard ../shared/data/bunny.ply)
+	$(BIN)/cyclorama demo $(or $(MESH),$(wildcard ../shared/data/bunny.ply))
 
 test: lint
 	cargo test --quiet
