@@ -62,6 +62,12 @@ def test_a_promise_takes_fewer_views_where_less_is_asked():
     assert lax.probes.sum() < promised().probes.sum()
 
 
+def test_progress_only_rises():
+    seen: list[int] = []
+    cyc.bake(scene(), 6, max_missed=0.1, resolution=(64, 60), probes=4, progress=seen.append)
+    assert len(seen) > 3 and seen == sorted(seen)
+
+
 def test_what_cannot_be_shown_is_said(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(adaptive, "MOST_PROOFS", 300)
     monkeypatch.setattr(adaptive, "MOST_VIEWS", 20)

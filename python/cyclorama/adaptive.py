@@ -53,7 +53,7 @@ FIRST_VIEWS, MOST_VIEWS = 66, 1025
 DISAGREEMENT = 0.02
 
 #: Shares of the allowance: for what the sampling resolution alone loses, and for what a finished sphere face misses.
-RESOLUTION_SHARE, CELL_SHARE = 0.1, 0.25
+RESOLUTION_SHARE, CELL_SHARE = 0.1, 0.5
 
 #: Share of the culling that patches have to keep.
 KEPT_CULLING = 0.9
@@ -91,9 +91,10 @@ def bake_within(
     start = min(views, FIRST_VIEWS) if isinstance(views, int | np.integer) else views
     points, faces, _ = view_points(scene, start)
     with reporter(progress, MOST_VIEWS + 4 * MOST_VIEWS * probes, "views") as report:
-        looker = Looker(scene, framing, 1.0, fill, threads, report=report)
+        looker = Looker(scene, framing, 1.0, fill, threads)
         chosen = _resolution(looker, points, max_missed)
-        sampler = Looker(scene, chosen, 1.0, fill, threads, report=report)
+        sampler = Looker(scene, chosen, 1.0, fill, threads)
+        sampler.report, looker.report = (lambda done, other=o: report(done + other.done) for o in (looker, sampler))
         refined = _Refinement(sampler, looker, points, faces, max_missed, probes, strategy, seed)
         refined.run()
         refined.drop_spare()
@@ -198,7 +199,7 @@ class _Refinement:
         self.points, self.faces = points, faces
         before = self.cells
         self.cells = Cells.of_corners(self.samples, faces)
-        self.cells.archive, self.cells.scores = before.archive, before.scores
+        self.cells.inherit(before)
         kept = np.flatnonzero(whole[parents])
         self.cells.rows[kept] = before.rows[parents[kept]]
         self.cells.probes[kept] = before.probes[parents[kept]]
@@ -308,7 +309,7 @@ class _Proof:
         width, height = looker.framing.resolution
         scale = min(1.0, _PROOF_HEIGHT / height)
         framing = looker.framing.with_resolution((max(1, round(width * scale)), max(1, round(height * scale))))
-        self.looker = Looker(looker.scene, framing, 1.0, None, looker.threads)
+        self.looker = Looker(looker.scene, framing, 1.0, None, looker.threads, looker.done, looker.report)
         self.view_sphere, self.cells, self.labels = view_sphere, Cells(rows), labels
         self.max_missed, self.seed = max_missed, seed
 

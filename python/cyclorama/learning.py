@@ -28,8 +28,8 @@ STEP = 4
 #: pixel in four views of 510 x 480 that a model half fills.
 TOLERANCE = 5e-6
 
-#: Bytes of rows that one call to the kernel fills.
-_BATCH_BYTES = 1 << 26
+#: Bytes of rows that one call to the kernel fills, and that an archive holds.
+_BATCH_BYTES, _ARCHIVE_BYTES = 1 << 26, 1 << 29
 
 
 @dataclass
@@ -155,12 +155,14 @@ class Cells:
     rows : (M, W) ndarray of uint64
         What the corners of each sphere face see; changed in place.
     archive : list or None
-        Gets the directions of all probes and what they saw, batch by batch, for those who split sphere faces later.
+        Gets the directions of probes and what they saw, batch by batch up to half a gigabyte, for those who split
+        sphere faces later.
     """
 
     def __init__(self, rows: Words, archive: list[tuple[Floats, Words]] | None = None) -> None:
         self.rows = rows
         self.archive = archive
+        self._archived = 0
         self.probes = np.zeros(len(rows), dtype=np.int64)
         self.scores: list[tuple[int, Floats]] = []
 
@@ -171,6 +173,10 @@ class Cells:
         for k in (1, 2):
             rows |= samples[faces[:, k]]
         return cls(rows)
+
+    def inherit(self, before: Cells) -> None:
+        """Goes on with the archive and the scores of cells that these take the place of."""
+        self.archive, self._archived, self.scores = before.archive, before._archived, before.scores
 
     def learn(self, learners: Ints, seen: Words) -> None:
         """Sets in the rows of each probe's learners (-1: none) what it saw."""
@@ -217,8 +223,9 @@ class Cells:
                 batch = probes[part]
                 seen, missed[part] = looker.probe(batch.directions, self.rows, batch.home)
                 self.learn(batch.learners, seen)
-                if self.archive is not None:
+                if self.archive is not None and self._archived + seen.nbytes <= _ARCHIVE_BYTES:
                     self.archive.append((batch.directions, seen))
+                    self._archived += seen.nbytes
             prober.tell(probes, missed)
             self.probes[cells] += count
             self.scores.append((first + spent, missed[probes.uniform]))
