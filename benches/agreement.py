@@ -48,7 +48,7 @@ def compare(scene: cyc.Scene, cameras: list[cyc.Camera], peer: peers.Peer) -> tu
         ids, depth = peer.render(camera)
         seen = (ids != cyc.BACKGROUND) | (view.ids != cyc.BACKGROUND)
         with np.errstate(invalid="ignore"):
-            close = np.abs(depth - view.depth) <= 1e-4 * depth
+            close = np.abs(depth - view.depth) <= 1e-4 * np.minimum(depth, view.depth)
         change = seen & (ids != view.ids)
         covered, other, differ = covered + seen.sum(), other + change.sum(), differ + (change & ~close).sum()
     return int(covered), int(other), int(differ)

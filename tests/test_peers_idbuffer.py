@@ -40,7 +40,7 @@ def compare(ids, depth, their_ids, their_depth):
     covered = (ids != BACKGROUND) | (their_ids != BACKGROUND)
     same = ids == their_ids
     with np.errstate(invalid="ignore"):
-        close = np.abs(depth - their_depth) <= 1e-4 * their_depth
+        close = np.abs(depth - their_depth) <= 1e-4 * np.minimum(depth, their_depth)
     return covered, same & covered, (same | close) & covered
 
 
