@@ -204,6 +204,7 @@ def test_a_mesh_that_is_broken(capsys, tmp_path, vertices, faces, says):
         (["--fill", "foam"], "foam"),
         (["--join", "glue"], "glue"),
         (["--threads", "0"], "0"),
+        (["--seed", "-1"], "-1"),
         (["--nonsense"], "--nonsense"),
         (["-o", "no/such/folder/x.npz"], "x.npz"),
         (["-o", "."], "folder"),
@@ -247,6 +248,11 @@ def test_an_eye_that_is_no_place(capsys, baked, eye):
 def test_a_question_to_the_wrong_kind_of_file(capsys, mesh, baked):
     refused(capsys, "info", mesh, "--faces", "1,2,3", match="bake")
     refused(capsys, "info", baked, "--count", match="--faces")
+
+
+def test_a_chart_of_an_unknown_format_is_refused_before_any_work(capsys, mesh, monkeypatch):
+    monkeypatch.setattr(cli, "tradeoff", lambda *a, **k: pytest.fail("the work began"))
+    refused(capsys, "tradeoff", mesh, "--out", "chart.xyz", match=["chart.xyz", ".png"])
 
 
 def test_an_unreachable_error_is_said(capsys, mesh):

@@ -24,6 +24,8 @@ __all__ = ["main"]
 
 DISAGREE, BAD_INPUT, INTERRUPTED = 1, 2, 130
 
+PICTURES = (".png", ".svg", ".pdf")
+
 FILLS = {"rays": "rays", "neighbours": "neighbours", "none": None}
 
 
@@ -294,7 +296,7 @@ def _parser() -> _Parser:
     demo.add_argument("mesh", nargs="?", type=_file, metavar="MESH", help="a mesh; a gear if there is none")
     demo.add_argument("--out", type=Path, default=Path("out"), help="folder of the pictures (%(default)s)")
     demo.add_argument("--views", type=_count, default=66, help="samples (%(default)s)")
-    demo.add_argument("--seed", type=int, default=0)
+    demo.add_argument("--seed", type=_seed, default=0, help="of all that is random (%(default)s)")
 
     bake = _command(commands, "bake", _bake, "find out what can be seen from every direction, into a file")
     bake.add_argument("mesh", type=_file, metavar="MESH")
@@ -309,7 +311,7 @@ def _parser() -> _Parser:
     bake.add_argument("--fill", choices=FILLS, default="rays")
     bake.add_argument("--resolution", type=_size, default=(510, 480), metavar="WxH")
     bake.add_argument("--fov-y", type=float, default=45.0, metavar="DEGREES")
-    bake.add_argument("--seed", type=int, default=0)
+    bake.add_argument("--seed", type=_seed, default=0, help="of all that is random (%(default)s)")
     bake.add_argument("--threads", type=_count)
 
     info = _command(commands, "info", _info, "say what a mesh or a visibility file is, or what an eye may see")
@@ -326,16 +328,16 @@ def _parser() -> _Parser:
     trade.add_argument("--join", choices=("cells", "samples"), nargs="+", default=["cells"])
     trade.add_argument("--eval-views", type=_count, default=100, metavar="N", help="random views (%(default)s)")
     trade.add_argument("--max-missed", type=float, metavar="SHARE", help="also print the cheapest row that meets this")
-    trade.add_argument("--out", type=Path, metavar="PICTURE", help="write the chart: .png, .svg or .pdf")
+    trade.add_argument("--out", type=_picture, metavar="PICTURE", help="write the chart: .png, .svg or .pdf")
     trade.add_argument("--costs", choices=COSTS, nargs="+", default=["bytes", "drawn"])
     trade.add_argument("--csv", type=Path, metavar="FILE", help="write all figures of all rows")
-    trade.add_argument("--seed", type=int, default=0)
+    trade.add_argument("--seed", type=_seed, default=0, help="of all that is random (%(default)s)")
 
     validate = _command(commands, "validate", _validate, "draw a mesh with every renderer there is, and compare")
     validate.add_argument("mesh", type=_file, metavar="MESH")
     validate.add_argument("--views", type=_count, default=3, help="random views (%(default)s)")
     validate.add_argument("--resolution", type=_size, default=(510, 480), metavar="WxH")
-    validate.add_argument("--seed", type=int, default=0)
+    validate.add_argument("--seed", type=_seed, default=0, help="of all that is random (%(default)s)")
     return parser
 
 
@@ -365,6 +367,19 @@ def _count(word: str) -> int:
     if count < 1:
         raise argparse.ArgumentTypeError(f"must be at least 1, got {count}")
     return count
+
+
+def _seed(word: str) -> int:
+    if not re.fullmatch(r"\d+", word):
+        raise argparse.ArgumentTypeError(f"{word!r} is not a whole number of at least 0")
+    return int(word)
+
+
+def _picture(word: str) -> Path:
+    path = Path(word)
+    if path.suffix.lower() not in PICTURES:
+        raise argparse.ArgumentTypeError(f"{word!r} does not end in {', '.join(PICTURES)}")
+    return path
 
 
 def _count_or_none(word: str) -> int | None:

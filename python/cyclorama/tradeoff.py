@@ -268,8 +268,8 @@ class Tradeoff:
     rows : list of dict
         What was asked: `views`, `resolution`, `fill`, `join`, `patches` (and `made_patches`, where the mesh does not
         allow as many).
-        What it takes: `time` in seconds for the bake and its patches, `bytes` of the file, `query` in seconds for the
-        faces of one eye (median), `drawn`, the share of the model's faces that is answered.
+        What it takes: `time` in seconds for the bake and its patches (one run), `bytes` of the file, `query` in seconds
+        for the faces of one eye (median), `drawn`, the share of the model's faces that is answered.
         What it misses: `missed`, mean share of covered pixels whose nearest face is not in the answer, with the ends of
         its 95 % interval `missed_low` and `missed_high` (bootstrap), `missed_bound` (holds for every distribution, and
         so is wide), and `missed_worst` over the views.
