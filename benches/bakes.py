@@ -1,6 +1,7 @@
 """Bakes of real meshes: how long they take, what they miss and cull, beside the papers.
 
-    python benches/bakes.py DATA                                  # every table; DATA holds bunny.ply, horse.ply, ...
+    python benches/bakes.py                                       # every table
+    python benches/bakes.py DATA                                  # DATA holds bunny.ply, horse.ply, ...
     python benches/bakes.py DATA --only default                   # default bakes against the union of corner samples
     python benches/bakes.py DATA --only papers                    # culling for patches and polygons, bytes of files
     python benches/bakes.py DATA --only promise --max-missed 1e-3     # bakes that find views and patches themselves
@@ -20,6 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
+import bench
 import cyclorama as cyc
 from cyclorama.confidence import bootstrap_interval
 from cyclorama.evaluation import random_directions
@@ -92,14 +94,12 @@ def file_bytes(vis: cyc.Visibility) -> int:
         return path.stat().st_size
 
 
-def default_bakes(data: Path, names: list[str], views: int, seed: int) -> None:
+def default_bakes(data: Path, jobs: list[tuple[str, int]], views: int, seed: int) -> None:
     print(
         "| mesh | views | seconds | missed, cells | missed, corners | culled, cells | culled, corners | probes | file |"
     )
     print("| --- | --- | --- | --- | --- | --- | --- | --- | --- |")
-    for name, count in DEFAULT:
-        if names and name not in names:
-            continue
+    for name, count in jobs:
         scene = cyc.load(data / f"{name}.ply")
         begin = time.perf_counter()
         vis = cyc.bake(scene, views=count, progress=False)
@@ -153,15 +153,20 @@ def promises(data: Path, names: list[str], max_missed: float, views: int, seed: 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("data", type=Path)
+    parser.add_argument("data", type=Path, nargs="?", default=bench.MESHES)
+    parser.add_argument("--quick", action="store_true", help="one small default bake, to see that it runs")
     parser.add_argument("--only", choices=["default", "papers", "promise"])
     parser.add_argument("--meshes", nargs="*", default=[])
     parser.add_argument("--max-missed", type=float, default=1e-3)
     parser.add_argument("--views", type=int, help="held-out views (24; 200 for a promise)")
     parser.add_argument("--seed", type=int, default=0)
     args = parser.parse_args()
+    if args.quick:
+        default_bakes(args.data, [("tree", 18)], args.views or 4, args.seed)
+        return
     if args.only in (None, "default"):
-        default_bakes(args.data, args.meshes, args.views or 24, args.seed)
+        chosen = [job for job in DEFAULT if not args.meshes or job[0] in args.meshes]
+        default_bakes(args.data, chosen, args.views or 24, args.seed)
     if args.only in (None, "papers"):
         papers(args.data, args.meshes)
     if args.only in (None, "promise"):

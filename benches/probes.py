@@ -13,6 +13,7 @@ import time
 
 import numpy as np
 
+import bench
 import cyclorama as cyc
 from cyclorama import bitfield, sphere
 from cyclorama.framing import Framing
@@ -60,7 +61,8 @@ def curve(scene: cyc.Scene, args: argparse.Namespace, strategy: str, fill: str |
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("mesh")
+    parser.add_argument("mesh", nargs="?", default=bench.MESHES / "bunny.ply")
+    parser.add_argument("--quick", action="store_true", help="few views and one strategy, to see that it runs")
     parser.add_argument("--views", type=int, default=258)
     parser.add_argument("--faces", type=int, default=24, help="sphere faces to look into")
     parser.add_argument("--held-out", type=int, default=25, help="views held out in each")
@@ -69,6 +71,8 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--plot", help="write the chart there")
     args = parser.parse_args()
+    if args.quick:
+        args.views, args.faces, args.held_out, args.strategies, args.fills = 18, 4, 5, args.strategies[:1], ["bare"]
     scene = cyc.load(args.mesh)
     curves = {}
     for strategy in args.strategies:
