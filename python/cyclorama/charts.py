@@ -87,7 +87,7 @@ def _panel(panel: Any, chart: Tradeoff, cost: str, floor: float, zero: float | N
         panel.plot(x, y, "-", color=color, linewidth=1.4, zorder=3)
         panel.plot(x, y, "o", color=color, markersize=6.5, label=name, zorder=4, markeredgecolor="white")
         if number == 0 and len(rows) > 1:
-            for place, offset, side in ((0, (0, 9), "center"), (-1, (10, -3), "left")):
+            for place, offset, side in ((0, (0, 9), "center"), (-1, (0, -17), "center")):
                 panel.annotate(
                     f"{rows[place]['views']:,} views",
                     (x[place], y[place]),
@@ -108,12 +108,12 @@ def _panel(panel: Any, chart: Tradeoff, cost: str, floor: float, zero: float | N
     else:
         panel.set_xlim(0, 1)
         panel.xaxis.set_major_formatter(PercentFormatter(1))
-    top = max([floor * 10, *(row["missed_high"] for rows in chart.series.values() for row in rows)])
-    panel.set_ylim(floor / (10 if zero is not None else 1.3), min(1.0, top * 2))
     decades = [10.0**power for power in range(round(math.log10(floor)), 1)]
     panel.set_yticks(decades)
     panel.set_yticks([k * decade for decade in decades for k in range(2, 10) if k * decade <= 1], minor=True)
     panel.yaxis.set_minor_formatter(NullFormatter())
+    top = max([floor * 10, *(row["missed_high"] for rows in chart.series.values() for row in rows)])
+    panel.set_ylim(floor / (10 if zero is not None else 1.3), min(1.0, top * 2))
     if zero is not None:
         panel.axhspan(floor / 10, floor, color="#f0f0f0", zorder=0, linewidth=0)
         panel.text(

@@ -75,13 +75,16 @@ def run(
     )
     picture(scene, vis, name, out / "demo.png")
     chart.plot(out / "tradeoff.png")
-    missed = float(np.mean(report.missed))
+    low, high = report.interval
     return {
         "faces": f"{len(scene):,}",
         "samples": f"{len(vis):,}",
         "bake": f"{baked - start:.1f} s",
-        "culled": f"{vis.culling_rate():.1%} of the faces, on average over all directions",
-        "missed": f"{missed:.2g} of the pixels, on average over 50 random views",
+        "culled": f"{vis.culling_rate():.1%} of the faces on average over all directions; "
+        f"over {len(report.missed)} random views {report.backfacing.mean():.1%} face away, "
+        f"{report.occluded.mean():.1%} are hidden",
+        "missed": f"{report.mean_missed:.2g} of the pixels on average over these views "
+        f"(95 % interval {low:.1g} to {min(high, report.bound):.1g})",
         "file": f"{file_bytes(vis):,} bytes",
         "pictures": f"{out / 'demo.png'}, {out / 'tradeoff.png'}",
         "all of it": f"{time.perf_counter() - start:.0f} s",
