@@ -16,15 +16,24 @@ pub struct Mesh {
     scale: f64,
 }
 
+/// The most faces a mesh may have: their ids fit the bits that a sample of an image has for them.
+pub const MAX_FACES: usize = 1 << 26;
+
 impl Mesh {
     /// Checks and takes a mesh of `vertices` in the user's units.
     ///
     /// # Errors
     /// [`Error::EmptyMesh`], [`Error::NotFinite`], [`Error::UnknownVertex`] for the first offender,
-    /// [`Error::AllDegenerate`] if no face has an area.
+    /// [`Error::AllDegenerate`] if no face has an area, [`Error::Invalid`] for more than [`MAX_FACES`].
     pub fn new(vertices: &[[f64; 3]], faces: Vec<[u32; 3]>) -> Result<Self, Error> {
         if vertices.is_empty() || faces.is_empty() {
             return Err(Error::EmptyMesh { vertices: vertices.len(), faces: faces.len() });
+        }
+        if faces.len() > MAX_FACES {
+            return Err(Error::Invalid(format!(
+                "the mesh has {} faces, at most {MAX_FACES} are taken",
+                faces.len()
+            )));
         }
         let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
         for (index, &value) in vertices.iter().enumerate() {

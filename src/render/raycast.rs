@@ -141,7 +141,7 @@ fn hit(view: &Projected, corners: [u32; 3], pixel: [f64; 2]) -> Option<Nearness>
 
 /// Whether a face lies before `limit` at a centred pixel position.
 #[inline]
-pub fn occludes(view: &Projected, corners: [u32; 3], pixel: [f64; 2], limit: Nearness) -> bool {
+fn occludes(view: &Projected, corners: [u32; 3], pixel: [f64; 2], limit: Nearness) -> bool {
     hit(view, corners, pixel).is_some_and(|nearness| nearness.is_before(limit, view.projection))
 }
 

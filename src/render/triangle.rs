@@ -6,16 +6,25 @@
 //! edge the other way, and a point on the edge goes to one side by the sign of the edge's normal:
 //! no point is covered twice, none is left open.
 
+use super::frame::FACE_BITS;
 use super::projected::Projected;
 use crate::camera::Projection;
 use glam::{DVec3, dvec3};
 use std::ops::Range;
 
-/// Nearness of a hit as an integer that grows toward the eye; 0 is never a hit.
+/// Nearness of a hit as an integer that grows toward the eye and leaves room for a face in its low
+/// [`FACE_BITS`]; 0 is never a hit.
 ///
-/// Perspective: the bits of `1 / depth`; orthographic: the complement of the bits of the depth. Both
-/// as float32: two surfaces whose depths differ by less than one part in 2^23 tie.
-pub type Key = u32;
+/// It is a float64 with its exponent cut to 7 bits and its mantissa to 31: two surfaces whose depths differ by less
+/// than one part in 2^31 tie. Perspective: of `1 / depth`; orthographic: of the depth, negated.
+pub type Key = u64;
+
+/// The bits of the least and the greatest float64 that a key can hold: 2^-63 and the last below 2^64.
+const LEAST: u64 = (1023 - 63) << 52;
+const GREATEST: u64 = ((1023 + 64) << 52) - 1;
+
+/// The bits of a float64 past which a key's precision ends.
+pub(super) const DROPPED: u32 = 59 + FACE_BITS - 64;
 
 /// How near a face is at a point of the image: `1 / depth` (perspective) or depth (orthographic).
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -30,11 +39,9 @@ impl Nearness {
     /// As a key.
     #[inline(always)]
     pub fn key(self, projection: Projection) -> Key {
-        let bits = (self.0 as f32).to_bits();
-        match projection {
-            Projection::Perspective => bits.max(1),
-            Projection::Orthographic => !bits,
-        }
+        let [subtrahend, flip] = key_terms(projection);
+        let bits = self.0.to_bits().max(KEY_RANGE[0]).min(KEY_RANGE[1]);
+        ((bits ^ flip).wrapping_sub(subtrahend) >> DROPPED) << FACE_BITS
     }
 
     /// The depth in the mesh's units.
@@ -55,6 +62,11 @@ impl Nearness {
         }
     }
 }
+
+/// The square of the volume that a face spans with the eye, over the squares of two of its sides and its farthest
+/// corner, below which it is rounding: 16 roundings of the products that it is the sum of. Such a face is seen
+/// edge-on and covers nothing.
+pub(super) const EDGE_ON: f64 = (16.0 * f64::EPSILON) * (16.0 * f64::EPSILON);
 
 /// A face set up for asking which points of the image it covers.
 #[derive(Debug, Clone, Copy)]
@@ -78,7 +90,9 @@ impl Triangle {
         let [a, b, c] = corners.map(|v| view.vertices[v as usize]);
         let normal = (b - a).cross(c - a);
         let det = normal.dot(a);
-        if det == 0.0 || !det.is_finite() {
+        let reach = a.length_squared().max(b.length_squared()).max(c.length_squared());
+        let noise = EDGE_ON * ((b - a).length_squared() * (c - a).length_squared() * reach);
+        if !(det.is_finite() && det * det > noise) {
             return None;
         }
         let sign = det.signum();
@@ -236,11 +250,23 @@ pub fn nearest_corner(view: &Projected, corners: [u32; 3]) -> Option<Nearness> {
     }
 }
 
-/// The depth, in the mesh's units, that a key stands for.
+/// How the bits of a value become a key's: exclusive or with the second, less the first.
 #[inline(always)]
-pub fn key_depth(projection: Projection, key: Key) -> f64 {
+pub(super) fn key_terms(projection: Projection) -> [u64; 2] {
     match projection {
-        Projection::Perspective => 1.0 / f64::from(f32::from_bits(key)),
-        Projection::Orthographic => f64::from(f32::from_bits(!key)),
+        Projection::Perspective => [LEAST, 0],
+        Projection::Orthographic => [!GREATEST, !0],
     }
+}
+
+/// The range that a value's bits are brought into before they become a key's.
+pub(super) const KEY_RANGE: [u64; 2] = [LEAST + (1 << DROPPED), GREATEST - (1 << DROPPED)];
+
+/// The depth, in the mesh's units, that a key stands for: the middle of those that it may.
+#[inline]
+pub fn key_depth(projection: Projection, key: Key) -> f64 {
+    let [subtrahend, flip] = key_terms(projection);
+    let bits = ((key >> FACE_BITS) << DROPPED) + (1 << (DROPPED - 1));
+    let value = f64::from_bits(bits.wrapping_add(subtrahend) ^ flip);
+    Nearness(value).depth(projection)
 }

@@ -119,15 +119,10 @@ fn look(
     frame.clear(view.width, view.height);
     scene.draw_rows(view, engine, 0..view.height, &mut frame.samples);
     let mut seen = Vec::new();
-    let mut last = 0;
-    for &sample in &frame.samples {
-        if sample as u32 != last && sample != 0 {
-            last = sample as u32;
-            let face = frame::face(sample);
-            if !is_set(row, face) || matches!(fill, Fill::Neighbours { .. }) {
-                set(row, face);
-                seen.push(face);
-            }
+    for face in frame::runs(&frame.samples) {
+        if !is_set(row, face) || matches!(fill, Fill::Neighbours { .. }) {
+            set(row, face);
+            seen.push(face);
         }
     }
     match fill {

@@ -7,6 +7,7 @@
 use crate::camera::Camera;
 use crate::control::Control;
 use crate::error::Error;
+use crate::render::BACKGROUND;
 use crate::render::frame::{self, Frame};
 use crate::render::projected::Projected;
 use crate::render::raster;
@@ -110,12 +111,13 @@ fn draw(scene: &Scene, camera: &Camera, view: &mut Projected, frame: &mut Frame)
 /// Counts covered and missed pixels, and sets the bits of what is seen.
 fn look(frame: &Frame, rows: Rows<'_>, known: &[u64], seen: &mut [u64]) -> Score {
     let mut score = Score::default();
-    let (mut last, mut missing) = (0, 0);
+    let (mut last, mut missing) = (BACKGROUND, 0);
     for &sample in frame.samples.iter().filter(|&&sample| sample != 0) {
         // Neighbouring pixels mostly show the same face.
-        if sample as u32 != last || score.covered == 0 {
-            last = sample as u32;
-            let bit = rows.bit(frame::face(sample));
+        let face = frame::face(sample);
+        if face != last {
+            last = face;
+            let bit = rows.bit(face);
             let mask = 1 << (bit % 64);
             seen[bit / 64] |= mask;
             missing = u32::from(known[bit / 64] & mask == 0);

@@ -3,8 +3,9 @@
 //! Every value is computed by the operations of the portable way, in their order and without fused ones, so both give
 //! the same bits.
 
+use super::super::frame::{self, FACE_BITS};
 use super::super::projected::Projected;
-use super::super::triangle::Triangle;
+use super::super::triangle::{DROPPED, EDGE_ON, KEY_RANGE, Triangle, key_terms};
 use super::{PixelBox, Target, draw_with};
 use crate::camera::Projection;
 use std::arch::x86_64::*;
@@ -139,12 +140,13 @@ fn flush(view: &Projected, queue: &mut Queue, rows: &Range<usize>, samples: &mut
     };
     let zero = _mm512_setzero_pd();
     let normal = cross(sub(b, a), sub(c, a));
-    let det = _mm512_add_pd(
-        _mm512_add_pd(_mm512_mul_pd(normal[0], a[0]), _mm512_mul_pd(normal[1], a[1])),
-        _mm512_mul_pd(normal[2], a[2]),
-    );
+    let det = dot(normal, a);
     let finite = _mm512_cmp_pd_mask::<_CMP_LT_OQ>(_mm512_abs_pd(det), _mm512_set1_pd(f64::INFINITY));
-    let good = finite & _mm512_cmp_pd_mask::<_CMP_NEQ_OQ>(det, zero);
+    let reach = _mm512_max_pd(_mm512_max_pd(dot(a, a), dot(b, b)), dot(c, c));
+    let (side, other) = (sub(b, a), sub(c, a));
+    let noise = _mm512_mul_pd(_mm512_mul_pd(dot(side, side), dot(other, other)), reach);
+    let noise = _mm512_mul_pd(_mm512_set1_pd(EDGE_ON), noise);
+    let good = finite & _mm512_cmp_pd_mask::<_CMP_GT_OQ>(_mm512_mul_pd(det, det), noise);
     let negative = _mm512_cmp_pd_mask::<_CMP_LT_OQ>(det, zero);
     let sign = _mm512_mask_blend_pd(negative, _mm512_set1_pd(1.0), _mm512_set1_pd(-1.0));
     let edges = [scale(cross(b, c), sign), scale(cross(c, a), sign), scale(cross(a, b), sign)];
@@ -217,6 +219,13 @@ unsafe fn gather_screen(view: &Projected, vertices: &[i32; LANES]) -> __m512 {
 #[inline]
 fn sub(a: [__m512d; 3], b: [__m512d; 3]) -> [__m512d; 3] {
     [_mm512_sub_pd(a[0], b[0]), _mm512_sub_pd(a[1], b[1]), _mm512_sub_pd(a[2], b[2])]
+}
+
+#[target_feature(enable = "avx512f,avx512vl")]
+#[inline]
+fn dot(a: [__m512d; 3], b: [__m512d; 3]) -> __m512d {
+    let first = _mm512_add_pd(_mm512_mul_pd(a[0], b[0]), _mm512_mul_pd(a[1], b[1]));
+    _mm512_add_pd(first, _mm512_mul_pd(a[2], b[2]))
 }
 
 #[target_feature(enable = "avx512f,avx512vl")]
@@ -322,7 +331,11 @@ fn fill_columns(
     let plane = product(t.plane.x);
     let (low, high) = (_mm512_set1_pd(t.range[0]), _mm512_set1_pd(t.range[1]));
     let all_seen = t.range[0] >= t.seen[0] && t.range[1] <= t.seen[1];
-    let id = _mm512_set1_epi64(i64::from(!id));
+    let tag = _mm512_set1_epi64(frame::tag(id) as i64);
+    let [subtrahend, flip] = key_terms(view.projection);
+    let (subtrahend, flip) = (_mm512_set1_epi64(subtrahend as i64), _mm512_set1_epi64(flip as i64));
+    let least_bits = _mm512_set1_epi64(KEY_RANGE[0] as i64);
+    let greatest_bits = _mm512_set1_epi64(KEY_RANGE[1] as i64);
     let mut y = view.row(top);
     for line in samples.chunks_exact_mut(view.width) {
         let mut mask = wanted;
@@ -338,12 +351,10 @@ fn fill_columns(
             mask = _mm512_mask_cmp_pd_mask::<_CMP_GE_OQ>(mask, value, _mm512_set1_pd(t.seen[0]));
             mask = _mm512_mask_cmp_pd_mask::<_CMP_LE_OQ>(mask, value, _mm512_set1_pd(t.seen[1]));
         }
-        let bits = _mm256_castps_si256(_mm512_cvtpd_ps(value));
-        let key = match view.projection {
-            Projection::Perspective => _mm256_max_epu32(bits, _mm256_set1_epi32(1)),
-            Projection::Orthographic => _mm256_xor_si256(bits, _mm256_set1_epi32(-1)),
-        };
-        let new = _mm512_or_si512(_mm512_slli_epi64::<32>(_mm512_cvtepu32_epi64(key)), id);
+        let bits = _mm512_min_epu64(_mm512_max_epu64(_mm512_castpd_si512(value), least_bits), greatest_bits);
+        let bits = _mm512_sub_epi64(_mm512_xor_si512(bits, flip), subtrahend);
+        let key = _mm512_slli_epi64::<FACE_BITS>(_mm512_srli_epi64::<DROPPED>(bits));
+        let new = _mm512_or_si512(key, tag);
         let at = line[columns.clone()].as_mut_ptr().cast::<i64>();
         // SAFETY: `wanted`, and with it the mask, keeps both accesses within `columns` of the line; u64 and i64
         // have the same layout.
