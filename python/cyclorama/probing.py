@@ -3,9 +3,10 @@
 A face of the scene that the corners of a sphere face do not see is seen from some part of the sphere face. Such a part
 is bounded by planes through the scene's edges; it is a half-plane, a strip or a wedge far more often than an island.
 Half-planes that reach a triangle hold one of its corners; strips and wedges cross its edges. So every second probe
-looks from an edge, where two sphere faces learn from it; the others are spread over the inside. ``benches/probes.py`` charts this order against others: after as many probes it
-misses half as much as an even spread on a scan, and as much on foliage; going back to where most was found gains nothing
-more, and answers more that is not needed.
+looks from an edge, where two sphere faces learn from it; the others are spread over the inside.
+``benches/probes.py`` charts this order against others: after as many probes it misses half as much as an even spread
+on a scan, and as much on foliage; going back to where most was found gains nothing more, and answers more that is not
+needed.
 """
 
 from __future__ import annotations
