@@ -56,6 +56,7 @@ class Pipeline:
         self.pyrender = pyrender
 
     def draw(self, camera: cyc.Camera, faces: np.ndarray | None) -> np.ndarray:
+        """(H, W) depths; the picture itself comes back from OpenGL too, in time, and is left."""
         pose = camera.world_to_camera.copy()
         pose[:3, 3] += pose[:3, :3] @ self.center
         reach = float(np.linalg.norm(pose[:3, 3]))
@@ -67,8 +68,8 @@ class Pipeline:
         self.scene.set_pose(self.light, np.linalg.inv(view))
         if self.primitive._in_context():
             self._upload(self.faces if faces is None else self.faces[faces], whole=faces is None)
-        color, _ = self.renderer.render(self.scene, flags=self.flags)
-        return color
+        _, depth = self.renderer.render(self.scene, flags=self.flags)
+        return depth
 
     def _upload(self, indices: np.ndarray, whole: bool) -> None:
         """Puts other faces into the index buffer that the primitive's vertex array holds."""
@@ -143,9 +144,10 @@ def measure(
 
 def draw(charts: dict[str, dict[str, list[dict[str, Any]]]], path: Any) -> None:
     from matplotlib.figure import Figure
+    from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
 
     figure = Figure(figsize=(11, 4.6), layout="constrained")
-    panels = figure.subplots(1, 2)
+    panels = figure.subplots(1, 2, sharey=True)
     colors = ("#0072B2", "#D55E00", "#009E73", "#CC79A7")
     for panel, kind in zip(panels, ("samples", "patches"), strict=True):
         for color, (name, tables) in zip(colors, charts.items(), strict=False):
@@ -156,6 +158,12 @@ def draw(charts: dict[str, dict[str, list[dict[str, Any]]]], path: Any) -> None:
                 panel.axhline(rows[0][f"{way}: whole, frames/s"], color=color, alpha=0.35, linestyle=style[:-1])
         panel.set_xscale("log")
         panel.set_yscale("log")
+        panel.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        panel.yaxis.set_major_formatter(ScalarFormatter())
+        panel.yaxis.set_minor_formatter(NullFormatter())
+        counts = sorted({row[kind] for tables in charts.values() for row in tables[kind]})
+        panel.set_xticks(counts, [f"{count:,}" for count in counts], minor=False)
+        panel.set_xticks([], minor=True)
         panel.set_xlabel(f"number of {kind}")
         panel.grid(True, which="major", color="#e4e4e4")
         panel.spines[["top", "right"]].set_visible(False)
