@@ -21,7 +21,7 @@ const SMALL_BOX: usize = 64;
 /// Faces kept as suspects while one face is tested; beyond this a ray is cheaper than the list.
 const MOST_SUSPECTS: usize = 16;
 
-/// A long face can show in any of the gaps along it: for each so many samples of its box's longer side past
+/// A long thin face can show in any of the gaps along it: for each so many samples of its box's longer side past
 /// [`SHORT_SIDE`] it gets another share of points, up to [`MOST_SHARES`]. Measured on a lattice of thin tubes, where
 /// it takes what is missed from 3 % to under 1 %.
 const SIDE_PER_SHARE: usize = 3;
@@ -82,7 +82,7 @@ impl<F: Fn(u32) -> bool> Confirm<'_, F> {
         let view = self.caster.view;
         let Some(triangle) = Triangle::new(view, corners) else { return false };
         self.suspects.clear();
-        let (mut side, mut first) = (0, 0);
+        let mut tested = 0..points;
         if let Some((x, y)) = around(view, corners) {
             if x.is_empty() || y.is_empty() {
                 return false;
@@ -91,13 +91,16 @@ impl<F: Fn(u32) -> bool> Confirm<'_, F> {
             if nearest.is_some_and(|key| self.farthest.all_nearer(self.frame, &x, &y, key)) {
                 return false;
             }
-            side = x.len().max(y.len());
+            let side = x.len().max(y.len());
             if doubled_area(view, corners) > (THICK * side) as f32 {
-                first = INTERIOR;
+                tested = INTERIOR..INTERIOR + points;
+            } else {
+                let shares = (side.saturating_sub(SHORT_SIDE) / SIDE_PER_SHARE).min(MOST_SHARES);
+                tested.end = points * (1 + shares);
             }
         }
-        let shares = (side.saturating_sub(SHORT_SIDE) / SIDE_PER_SHARE).min(MOST_SHARES);
-        for point in first..first + points * (1 + shares) {
+        let first = tested.start;
+        for point in tested {
             let Some(pixel) = project(view, corners, barycentric(point)) else { continue };
             let Some(nearness) = triangle.hit(pixel[0], pixel[1]) else { continue };
             match self.occluder(pixel, nearness) {
@@ -199,8 +202,8 @@ fn hides_all(view: &Projected, occluder: [u32; 3], corners: [u32; 3]) -> bool {
 /// How far the corner and edge points keep from the face's border, as a share of its height.
 const INSET: f64 = 0.05;
 
-/// From this index on, points lie anywhere in the face. One at least [`THICK`] samples high has had its corners looked
-/// at well enough: what shows only within [`INSET`] of one is a speck of it.
+/// From this index on, points lie anywhere in the face. The samples of one at least [`THICK`] of them high have looked
+/// at it well enough: what shows only within [`INSET`] of a corner, or in one of many more points, is a speck of it.
 const INTERIOR: usize = 7;
 const THICK: usize = 4;
 
