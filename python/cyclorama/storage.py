@@ -11,19 +11,16 @@ from __future__ import annotations
 
 import json
 import os
-import tempfile
 import zipfile
 import zlib
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import asdict
-from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from . import bitfield
+from .files import whole_file
 from .viewsphere import ViewSphere
 from .visibility import Settings, Shell, Visibility
 
@@ -56,7 +53,7 @@ def save(vis: Visibility, path: str | os.PathLike[str]) -> None:
     if vis.labels is not None:
         members["labels"] = vis.labels
     members |= {f"rows_{name}": array for name, array in _coded(vis).items()}
-    with _whole_or_nothing(path) as file:
+    with whole_file(path) as file:
         np.savez_compressed(file, **members)  # type: ignore[arg-type]
 
 
@@ -98,26 +95,6 @@ def _read(file: Any) -> Visibility:
         found=file["found"],
         statement=header["statement"],
     )
-
-
-@contextmanager
-def _whole_or_nothing(path: str | os.PathLike[str]) -> Iterator[IO[bytes]]:
-    """A file that takes its name only when the block ends well."""
-    final = Path(path)
-    try:
-        handle, name = tempfile.mkstemp(dir=final.parent, prefix=final.name, suffix=".part")
-    except OSError as error:
-        raise type(error)(error.errno, f"cannot write there: {error.strerror}", str(final)) from None
-    try:
-        with os.fdopen(handle, "wb") as file:
-            yield file
-        mask = os.umask(0)
-        os.umask(mask)
-        os.chmod(name, 0o666 & ~mask)
-        os.replace(name, final)
-    except BaseException:
-        os.unlink(name)
-        raise
 
 
 def _coded(vis: Visibility) -> dict[str, npt.NDArray[Any]]:
