@@ -135,7 +135,7 @@ class Scene:
         *,
         rings: int = 1,
         supersampling: int = 3,
-        points: int = 8,
+        points: int = 32,
         engine: Engine = "auto",
         known: Bitfields | npt.NDArray[np.uint64] | None = None,
         out: npt.NDArray[np.uint64] | None = None,

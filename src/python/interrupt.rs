@@ -10,6 +10,9 @@ use std::time::Duration;
 /// How often the waiting thread looks for Ctrl-C and reports progress.
 const POLL: Duration = Duration::from_millis(50);
 
+/// More threads than any machine has use for; starting them alone would take minutes.
+const MOST_THREADS: usize = 1024;
+
 /// Runs `work` without the GIL on `threads` threads (all cores if `None`).
 ///
 /// `progress`, if given, is called with the units of work done so far; what it raises stops the work.
@@ -24,7 +27,9 @@ pub fn run<T: Send>(
 ) -> PyResult<T> {
     let pool = match threads {
         None => None,
-        Some(0) => return Err(PyValueError::new_err("threads must be at least 1, got 0")),
+        Some(n) if !(1..=MOST_THREADS).contains(&n) => {
+            return Err(PyValueError::new_err(format!("threads must be 1 to {MOST_THREADS}, got {n}")));
+        }
         Some(n) => Some(
             rayon::ThreadPoolBuilder::new()
                 .num_threads(n)

@@ -155,7 +155,7 @@ impl PyMesh {
     }
 
     /// Sets in each of `rows` the faces that its camera sees.
-    #[pyo3(signature = (cameras, rows, fill=None, engine="auto", threads=None, progress=None, rings=1, supersampling=3, points=8))]
+    #[pyo3(signature = (cameras, rows, fill=None, engine="auto", threads=None, progress=None, rings=1, supersampling=3, points=32))]
     #[expect(clippy::too_many_arguments, reason = "one keyword each in Python")]
     fn visible(
         &self,
