@@ -6,18 +6,21 @@
 use super::super::frame::{self, FACE_BITS};
 use super::super::projected::Projected;
 use super::super::triangle::{DROPPED, EDGE_ON, KEY_RANGE, Triangle, key_terms};
-use super::{PixelBox, Target, draw_with};
+use super::{Target, draw_with};
 use crate::camera::Projection;
+use glam::DVec3;
 use std::arch::x86_64::*;
 use std::ops::Range;
 
-/// Faces whose box holds a pixel, waiting to be set up together.
-#[derive(Default)]
+/// Faces whose box holds a pixel, waiting to be set up together. Room for two batches: the second is moved down when
+/// the first has been set up.
 struct Queue {
     count: usize,
-    ids: [u32; LANES],
-    corners: [[i32; LANES]; 3],
-    boxes: [[i32; 4]; LANES],
+    ids: [u32; 2 * LANES],
+    corners: [[i32; 2 * LANES]; 3],
+    /// First column and row, end column and row.
+    first: [[i32; 2]; 2 * LANES],
+    end: [[i32; 2]; 2 * LANES],
 }
 
 /// Doubles in a register.
@@ -35,11 +38,19 @@ pub fn draw(
     // Indices into the vertices are multiplied by 3 and must fit 32 bits.
     if view.projection == Projection::Orthographic || view.vertices.len() > i32::MAX as usize / 3 {
         return draw_with(view, faces, ids, rows, samples, |target, triangle, id| {
-            fill_box(target, triangle, id)
+            fill(target, &Setup::of(triangle), 0, id)
         });
     }
     assert_eq!(samples.len(), rows.len() * view.width, "the band must hold its rows");
-    let mut queue = Queue::default();
+    assert_eq!(view.screen.len(), view.vertices.len(), "a projected mesh has a place for each vertex");
+    assert_eq!(view.inverses.len(), view.vertices.len(), "a projected mesh has a depth for each vertex");
+    let mut queue = Queue {
+        count: 0,
+        ids: [0; 2 * LANES],
+        corners: [[0; 2 * LANES]; 3],
+        first: [[0; 2]; 2 * LANES],
+        end: [[0; 2]; 2 * LANES],
+    };
     let mut straddling = Vec::new();
     let mut batch = [0_u32; LANES];
     loop {
@@ -51,84 +62,105 @@ pub fn draw(
         if count == 0 {
             break;
         }
-        let batch = &batch[..count];
         let mut corners = [[0_i32; LANES]; 3];
-        for (lane, &id) in batch.iter().enumerate() {
-            for (corners, vertex) in corners.iter_mut().zip(faces[id as usize]) {
-                assert!((vertex as usize) < view.screen.len(), "a mesh's faces name its vertices");
-                corners[lane] = vertex as i32;
-            }
+        for (lane, &id) in batch[..count].iter().enumerate() {
+            let [a, b, c] = faces[id as usize].map(|vertex| vertex as i32);
+            (corners[0][lane], corners[1][lane], corners[2][lane]) = (a, b, c);
         }
-        let (boxes, kept, finite) = pixel_boxes(view, &corners, &rows);
-        for (lane, &id) in batch.iter().enumerate() {
-            if finite & 3 << (2 * lane) != 3 << (2 * lane) {
-                straddling.push(id);
-            } else if kept & 3 << (2 * lane) == 3 << (2 * lane) {
-                let at = queue.count;
-                queue.ids[at] = id;
-                for (waiting, corners) in queue.corners.iter_mut().zip(&corners) {
-                    waiting[at] = corners[lane];
-                }
-                queue.boxes[at] = [0, 1, 16, 17].map(|k| boxes[k + 2 * lane]);
-                queue.count += 1;
-                if queue.count == LANES {
-                    flush(view, &mut queue, &rows, samples);
-                }
-            }
+        let straddles = enqueue(view, &batch, count, &corners, &rows, &mut queue);
+        straddling.extend((0..count).filter(|lane| straddles >> lane & 1 == 1).map(|lane| batch[lane]));
+        if queue.count >= LANES {
+            flush(view, &mut queue, &rows, samples);
         }
     }
     flush(view, &mut queue, &rows, samples);
     draw_with(view, faces, straddling.into_iter(), rows, samples, |target, triangle, id| {
-        fill_box(target, triangle, id);
+        fill(target, &Setup::of(triangle), 0, id);
     });
 }
 
-/// [`super::pixel_box`] of eight faces: first column and row of each, then end column and row of each.
+/// [`super::pixel_box`] of up to eight faces: queues those whose box holds a pixel of `rows`.
 ///
-/// Two bits a face (column, row) say whether its range holds a pixel, and whether its corners are all in front of the
-/// eye's plane.
+/// Returns a bit for each face that has a corner at or behind the eye's plane instead.
 #[target_feature(enable = "avx512f,avx512vl")]
 #[inline]
-fn pixel_boxes(view: &Projected, corners: &[[i32; LANES]; 3], rows: &Range<usize>) -> ([i32; 32], u16, u16) {
-    // SAFETY: the caller has checked that all corners are vertices.
-    let (a, b, c) = unsafe {
-        (gather_screen(view, &corners[0]), gather_screen(view, &corners[1]), gather_screen(view, &corners[2]))
+fn enqueue(
+    view: &Projected,
+    ids: &[u32; LANES],
+    count: usize,
+    corners: &[[i32; LANES]; 3],
+    rows: &Range<usize>,
+    queue: &mut Queue,
+) -> u32 {
+    // SAFETY: each array holds one register.
+    let (ids, va, vb, vc) = unsafe {
+        (
+            _mm256_loadu_si256(ids.as_ptr().cast()),
+            _mm256_loadu_si256(corners[0].as_ptr().cast()),
+            _mm256_loadu_si256(corners[1].as_ptr().cast()),
+            _mm256_loadu_si256(corners[2].as_ptr().cast()),
+        )
     };
+    let most = _mm256_max_epu32(_mm256_max_epu32(va, vb), vc);
+    let known = _mm256_cmplt_epu32_mask(most, _mm256_set1_epi32(view.vertices.len() as i32));
+    assert!(known == !0, "a mesh's faces name its vertices");
+    // SAFETY: all corners are vertices, as was asserted, and there is a place on the screen for each of them.
+    let (a, b, c) = unsafe { (gather_screen(view, va), gather_screen(view, vb), gather_screen(view, vc)) };
     let sum = _mm512_add_ps(_mm512_add_ps(a, b), c);
     let finite = _mm512_cmp_ps_mask::<_CMP_LT_OQ>(_mm512_abs_ps(sum), _mm512_set1_ps(f32::INFINITY));
     let low = _mm512_min_ps(_mm512_min_ps(a, b), c);
     let high = _mm512_max_ps(_mm512_max_ps(a, b), c);
-    let first = _mm512_roundscale_ps::<{ _MM_FROUND_TO_POS_INF | _MM_FROUND_NO_EXC }>(_mm512_sub_ps(
-        low,
-        screen_error(low),
-    ));
-    let last = _mm512_roundscale_ps::<{ _MM_FROUND_TO_NEG_INF | _MM_FROUND_NO_EXC }>(_mm512_add_ps(
-        high,
-        screen_error(high),
-    ));
+    let first = _mm512_sub_ps(low, screen_error(low));
+    let first = _mm512_roundscale_ps::<{ _MM_FROUND_TO_POS_INF | _MM_FROUND_NO_EXC }>(first);
+    let last = _mm512_add_ps(high, screen_error(high));
+    let last = _mm512_roundscale_ps::<{ _MM_FROUND_TO_NEG_INF | _MM_FROUND_NO_EXC }>(last);
     let first = _mm512_max_ps(first, pair(0, rows.start));
     let end = _mm512_min_ps(_mm512_add_ps(last, _mm512_set1_ps(1.0)), pair(view.width, rows.end));
-    let kept = _mm512_cmp_ps_mask::<_CMP_LT_OQ>(first, end);
-    let mut boxes = [0_i32; 32];
-    // SAFETY: the array holds two registers.
+    let real = (1_u32 << count) - 1;
+    let in_front = both(finite);
+    let kept = both(_mm512_cmp_ps_mask::<_CMP_LT_OQ>(first, end)) & in_front & real;
+    let mask = kept as __mmask8;
+    let at = queue.count;
+    assert!(at <= LANES, "a full batch has been set up");
+    // SAFETY: from `at` on there is room for eight entries of each array.
     unsafe {
-        _mm512_storeu_si512(boxes.as_mut_ptr().cast(), _mm512_cvttps_epi32(first));
-        _mm512_storeu_si512(boxes.as_mut_ptr().add(16).cast(), _mm512_cvttps_epi32(end));
+        _mm256_storeu_si256(queue.ids.as_mut_ptr().add(at).cast(), _mm256_maskz_compress_epi32(mask, ids));
+        for (waiting, corner) in queue.corners.iter_mut().zip([va, vb, vc]) {
+            let corner = _mm256_maskz_compress_epi32(mask, corner);
+            _mm256_storeu_si256(waiting.as_mut_ptr().add(at).cast(), corner);
+        }
+        let first = _mm512_maskz_compress_epi64(mask, _mm512_cvttps_epi32(first));
+        _mm512_storeu_si512(queue.first.as_mut_ptr().add(at).cast(), first);
+        let end = _mm512_maskz_compress_epi64(mask, _mm512_cvttps_epi32(end));
+        _mm512_storeu_si512(queue.end.as_mut_ptr().add(at).cast(), end);
     }
-    (boxes, kept & finite, finite)
+    queue.count += kept.count_ones() as usize;
+    real & !in_front
+}
+
+/// A bit for each of eight pairs of bits: whether both are set.
+fn both(pairs: u16) -> u32 {
+    let pairs = u32::from(pairs);
+    let even = pairs & pairs >> 1 & 0x5555;
+    let even = (even | even >> 1) & 0x3333;
+    let even = (even | even >> 2) & 0x0f0f;
+    (even | even >> 4) & 0xff
 }
 
 /// Sets up the waiting faces together, as [`Triangle::new`] does one, and fills them.
 #[target_feature(enable = "avx512f,avx512vl")]
 #[inline]
 fn flush(view: &Projected, queue: &mut Queue, rows: &Range<usize>, samples: &mut [u64]) {
-    let count = std::mem::take(&mut queue.count);
+    let count = queue.count.min(LANES);
     if count == 0 {
         return;
     }
-    // SAFETY: the waiting corners are vertices, those past `count` are 0 or were waiting before.
+    // SAFETY: the waiting corners are vertices, and so are the zeros and leavings past `count`.
     let (a, b, c, p, q, r) = unsafe {
         let [a, b, c] = &queue.corners;
+        let a = _mm256_loadu_si256(a.as_ptr().cast());
+        let b = _mm256_loadu_si256(b.as_ptr().cast());
+        let c = _mm256_loadu_si256(c.as_ptr().cast());
         (
             gather_vertices(view, a),
             gather_vertices(view, b),
@@ -150,27 +182,59 @@ fn flush(view: &Projected, queue: &mut Queue, rows: &Range<usize>, samples: &mut
     let negative = _mm512_cmp_pd_mask::<_CMP_LT_OQ>(det, zero);
     let sign = _mm512_mask_blend_pd(negative, _mm512_set1_pd(1.0), _mm512_set1_pd(-1.0));
     let edges = [scale(cross(b, c), sign), scale(cross(c, a), sign), scale(cross(a, b), sign)];
-    let least = [lanes(least(edges[0])), lanes(least(edges[1])), lanes(least(edges[2]))];
-    let plane = vectors(scale(normal, _mm512_div_pd(_mm512_set1_pd(1.0), det)));
-    let low = lanes(_mm512_min_pd(_mm512_min_pd(p, q), r));
-    let high = lanes(_mm512_max_pd(_mm512_max_pd(p, q), r));
-    let edges = [vectors(edges[0]), vectors(edges[1]), vectors(edges[2])];
+    let setup = Setup {
+        edges: [vectors(edges[0]), vectors(edges[1]), vectors(edges[2])],
+        least: [lanes(least(edges[0])), lanes(least(edges[1])), lanes(least(edges[2]))],
+        plane: vectors(scale(normal, _mm512_div_pd(_mm512_set1_pd(1.0), det))),
+        range: [lanes(_mm512_min_pd(_mm512_min_pd(p, q), r)), lanes(_mm512_max_pd(_mm512_max_pd(p, q), r))],
+    };
     for lane in 0..count {
-        if good >> lane & 1 == 0 {
-            continue;
+        if good >> lane & 1 == 1 {
+            let [left, top] = queue.first[lane].map(|k| k as usize);
+            let [right, bottom] = queue.end[lane].map(|k| k as usize);
+            let samples = &mut samples[(top - rows.start) * view.width..(bottom - rows.start) * view.width];
+            let target = Target { view, samples, rows: top..bottom, columns: left..right };
+            fill(target, &setup, lane, queue.ids[lane]);
         }
-        let vector = |n: &[[f64; LANES]; 3]| glam::dvec3(n[0][lane], n[1][lane], n[2][lane]);
-        let triangle = Triangle {
-            edges: [vector(&edges[0]), vector(&edges[1]), vector(&edges[2])],
-            least: [least[0][lane], least[1][lane], least[2][lane]],
-            plane: vector(&plane),
-            range: [low[lane], high[lane]],
-            seen: [f64::MIN_POSITIVE, view.near_inverse],
-        };
-        let [left, top, right, bottom] = queue.boxes[lane].map(|k| k as usize);
-        let PixelBox { x, y } = PixelBox { x: left..right, y: top..bottom };
-        let samples = &mut samples[(top - rows.start) * view.width..(bottom - rows.start) * view.width];
-        fill_box(Target { view, samples, rows: y, columns: x }, &triangle, queue.ids[lane]);
+    }
+    queue.ids.copy_within(LANES.., 0);
+    for corners in &mut queue.corners {
+        corners.copy_within(LANES.., 0);
+    }
+    queue.first.copy_within(LANES.., 0);
+    queue.end.copy_within(LANES.., 0);
+    queue.count -= count;
+}
+
+/// Eight [`Triangle`]s, value by value.
+struct Setup {
+    edges: [[[f64; LANES]; 3]; 3],
+    least: [[f64; LANES]; 3],
+    plane: [[f64; LANES]; 3],
+    range: [[f64; LANES]; 2],
+}
+
+impl Setup {
+    fn of(triangle: &Triangle) -> Self {
+        let same = |value: f64| [value; LANES];
+        let vector = |v: DVec3| v.to_array().map(same);
+        Self {
+            edges: triangle.edges.map(vector),
+            least: triangle.least.map(same),
+            plane: vector(triangle.plane),
+            range: triangle.range.map(same),
+        }
+    }
+
+    fn triangle(&self, lane: usize, seen: [f64; 2]) -> Triangle {
+        let vector = |v: &[[f64; LANES]; 3]| DVec3::new(v[0][lane], v[1][lane], v[2][lane]);
+        Triangle {
+            edges: [vector(&self.edges[0]), vector(&self.edges[1]), vector(&self.edges[2])],
+            least: [self.least[0][lane], self.least[1][lane], self.least[2][lane]],
+            plane: vector(&self.plane),
+            range: [self.range[0][lane], self.range[1][lane]],
+            seen,
+        }
     }
 }
 
@@ -180,12 +244,11 @@ fn flush(view: &Projected, queue: &mut Queue, rows: &Range<usize>, samples: &mut
 /// All must be vertices of the view.
 #[target_feature(enable = "avx512f,avx512vl")]
 #[inline]
-unsafe fn gather_vertices(view: &Projected, vertices: &[i32; LANES]) -> [__m512d; 3] {
+unsafe fn gather_vertices(view: &Projected, vertices: __m256i) -> [__m512d; 3] {
     let base = view.vertices.as_ptr().cast::<f64>();
+    let index = _mm256_mullo_epi32(vertices, _mm256_set1_epi32(3));
     // SAFETY: a vertex is three doubles, so its coordinates lie at 3 v, 3 v + 1 and 3 v + 2.
     unsafe {
-        let index = _mm256_loadu_si256(vertices.as_ptr().cast());
-        let index = _mm256_mullo_epi32(index, _mm256_set1_epi32(3));
         [
             _mm512_i32gather_pd::<8>(index, base),
             _mm512_i32gather_pd::<8>(index, base.add(1)),
@@ -198,21 +261,18 @@ unsafe fn gather_vertices(view: &Projected, vertices: &[i32; LANES]) -> [__m512d
 /// As [`gather_vertices`].
 #[target_feature(enable = "avx512f,avx512vl")]
 #[inline]
-unsafe fn gather_inverses(view: &Projected, vertices: &[i32; LANES]) -> __m512d {
+unsafe fn gather_inverses(view: &Projected, vertices: __m256i) -> __m512d {
     // SAFETY: there is an inverse for each vertex.
-    unsafe { _mm512_i32gather_pd::<8>(_mm256_loadu_si256(vertices.as_ptr().cast()), view.inverses.as_ptr()) }
+    unsafe { _mm512_i32gather_pd::<8>(vertices, view.inverses.as_ptr()) }
 }
 
 /// # Safety
 /// As [`gather_vertices`].
 #[target_feature(enable = "avx512f,avx512vl")]
 #[inline]
-unsafe fn gather_screen(view: &Projected, vertices: &[i32; LANES]) -> __m512 {
+unsafe fn gather_screen(view: &Projected, vertices: __m256i) -> __m512 {
     // SAFETY: a pair of float32 is 8 bytes, and there is one for each vertex.
-    unsafe {
-        let index = _mm256_loadu_si256(vertices.as_ptr().cast());
-        _mm512_castsi512_ps(_mm512_i32gather_epi64::<8>(index, view.screen.as_ptr().cast()))
-    }
+    unsafe { _mm512_castsi512_ps(_mm512_i32gather_epi64::<8>(vertices, view.screen.as_ptr().cast())) }
 }
 
 #[target_feature(enable = "avx512f,avx512vl")]
@@ -287,80 +347,105 @@ fn pair(column: usize, row: usize) -> __m512 {
     _mm512_castsi512_ps(_mm512_set1_epi64(bits as i64))
 }
 
+/// [`super::fill_box`] of one face of a setup.
 #[target_feature(enable = "avx512f,avx512vl")]
 #[inline]
-fn fill_box(target: Target<'_>, triangle: &Triangle, id: u32) {
+fn fill(target: Target<'_>, setup: &Setup, lane: usize, id: u32) {
     let Target { view, samples, rows, columns } = target;
+    if columns.len() <= LANES {
+        fill_columns(view, samples, columns, rows, setup, lane, id);
+        return;
+    }
+    let triangle = setup.triangle(lane, seen(view));
     let offset = view.column(0);
-    if columns.len() <= 8 {
-        fill_columns(view, samples, columns, rows.start, triangle, id);
-    } else {
-        for (y, line) in rows.zip(samples.chunks_exact_mut(view.width)) {
-            let run = triangle.along_row(view.row(y)).span(columns.clone(), offset);
-            let mut start = run.start;
-            while start < run.end {
-                let end = run.end.min(start + 8);
-                fill_columns(view, line, start..end, y, triangle, id);
-                start = end;
-            }
+    for (line, y) in rows.enumerate() {
+        let samples = &mut samples[line * view.width..][..view.width];
+        let run = triangle.along_row(view.row(y)).span(columns.clone(), offset);
+        let mut start = run.start;
+        while start < run.end {
+            let end = run.end.min(start + LANES);
+            fill_columns(view, samples, start..end, y..y + 1, setup, lane, id);
+            start = end;
         }
     }
 }
 
-/// Fills up to eight columns of the rows that `samples` holds, the first of them row `top`.
+/// The range of [`Nearness`](super::super::triangle::Nearness) that the camera sees.
+fn seen(view: &Projected) -> [f64; 2] {
+    match view.projection {
+        Projection::Perspective => [f64::MIN_POSITIVE, view.near_inverse],
+        Projection::Orthographic => [view.near, f64::INFINITY],
+    }
+}
+
+/// Fills up to eight columns of `rows`, the first of which is the first that `samples` holds.
 #[target_feature(enable = "avx512f,avx512vl")]
 #[inline]
 fn fill_columns(
     view: &Projected,
     samples: &mut [u64],
     columns: Range<usize>,
-    top: usize,
-    triangle: &Triangle,
+    rows: Range<usize>,
+    setup: &Setup,
+    lane: usize,
     id: u32,
 ) {
-    let t = triangle;
     // Halves below 2^16: these sums are exact, so they equal `column as f64 + offset`.
     let x = _mm512_add_pd(
         _mm512_set1_pd(columns.start as f64 + view.column(0)),
         _mm512_set_pd(7.0, 6.0, 5.0, 4.0, 3.0, 2.0, 1.0, 0.0),
     );
     let wanted: __mmask8 = ((1_u32 << columns.len()) - 1) as u8;
-    let product = |slope: f64| _mm512_mul_pd(_mm512_set1_pd(slope), x);
-    let edges = [product(t.edges[0].x), product(t.edges[1].x), product(t.edges[2].x)];
-    let least = [_mm512_set1_pd(t.least[0]), _mm512_set1_pd(t.least[1]), _mm512_set1_pd(t.least[2])];
-    let plane = product(t.plane.x);
-    let (low, high) = (_mm512_set1_pd(t.range[0]), _mm512_set1_pd(t.range[1]));
-    let all_seen = t.range[0] >= t.seen[0] && t.range[1] <= t.seen[1];
+    let [e0, e1, e2] = &setup.edges;
+    let (p0, p1, p2) = (times(x, e0[0][lane]), times(x, e1[0][lane]), times(x, e2[0][lane]));
+    let plane = times(x, setup.plane[0][lane]);
+    let least = [0, 1, 2].map(|edge| setup.least[edge][lane]);
+    let range = [setup.range[0][lane], setup.range[1][lane]];
+    let seen = seen(view);
+    let all_seen = range[0] >= seen[0] && range[1] <= seen[1];
     let tag = _mm512_set1_epi64(frame::tag(id) as i64);
-    let [subtrahend, flip] = key_terms(view.projection);
-    let (subtrahend, flip) = (_mm512_set1_epi64(subtrahend as i64), _mm512_set1_epi64(flip as i64));
-    let least_bits = _mm512_set1_epi64(KEY_RANGE[0] as i64);
-    let greatest_bits = _mm512_set1_epi64(KEY_RANGE[1] as i64);
-    let mut y = view.row(top);
-    for line in samples.chunks_exact_mut(view.width) {
-        let mut mask = wanted;
-        for edge in 0..3 {
-            let constant = t.edges[edge].y * y + t.edges[edge].z;
-            let value = _mm512_add_pd(edges[edge], _mm512_set1_pd(constant));
-            mask = _mm512_mask_cmp_pd_mask::<_CMP_GE_OQ>(mask, value, least[edge]);
-        }
-        let value = _mm512_add_pd(plane, _mm512_set1_pd(t.plane.y * y + t.plane.z));
-        y += 1.0;
-        let value = _mm512_min_pd(_mm512_max_pd(value, low), high);
+    let [subtrahend, flip] = key_terms(view.projection).map(|bits| bits as i64);
+    let [least_bits, greatest_bits] = KEY_RANGE.map(|bits| bits as i64);
+    let mut start = columns.start;
+    for y in rows {
+        let y = view.row(y);
+        let mut mask = reaches(wanted, p0, e0[1][lane] * y + e0[2][lane], least[0]);
+        mask = reaches(mask, p1, e1[1][lane] * y + e1[2][lane], least[1]);
+        mask = reaches(mask, p2, e2[1][lane] * y + e2[2][lane], least[2]);
+        let constant = setup.plane[1][lane] * y + setup.plane[2][lane];
+        let value = _mm512_add_pd(plane, _mm512_set1_pd(constant));
+        let value = _mm512_min_pd(_mm512_max_pd(value, _mm512_set1_pd(range[0])), _mm512_set1_pd(range[1]));
         if !all_seen {
-            mask = _mm512_mask_cmp_pd_mask::<_CMP_GE_OQ>(mask, value, _mm512_set1_pd(t.seen[0]));
-            mask = _mm512_mask_cmp_pd_mask::<_CMP_LE_OQ>(mask, value, _mm512_set1_pd(t.seen[1]));
+            mask = _mm512_mask_cmp_pd_mask::<_CMP_GE_OQ>(mask, value, _mm512_set1_pd(seen[0]));
+            mask = _mm512_mask_cmp_pd_mask::<_CMP_LE_OQ>(mask, value, _mm512_set1_pd(seen[1]));
         }
-        let bits = _mm512_min_epu64(_mm512_max_epu64(_mm512_castpd_si512(value), least_bits), greatest_bits);
-        let bits = _mm512_sub_epi64(_mm512_xor_si512(bits, flip), subtrahend);
+        let bits = _mm512_max_epu64(_mm512_castpd_si512(value), _mm512_set1_epi64(least_bits));
+        let bits = _mm512_min_epu64(bits, _mm512_set1_epi64(greatest_bits));
+        let bits = _mm512_xor_si512(bits, _mm512_set1_epi64(flip));
+        let bits = _mm512_sub_epi64(bits, _mm512_set1_epi64(subtrahend));
         let key = _mm512_slli_epi64::<FACE_BITS>(_mm512_srli_epi64::<DROPPED>(bits));
         let new = _mm512_or_si512(key, tag);
-        let at = line[columns.clone()].as_mut_ptr().cast::<i64>();
-        // SAFETY: `wanted`, and with it the mask, keeps both accesses within `columns` of the line; u64 and i64
-        // have the same layout.
+        let at = samples[start..start + columns.len()].as_mut_ptr().cast::<i64>();
+        // SAFETY: `wanted`, and with it the mask, keeps both accesses within these samples; u64 and i64 have the
+        // same layout.
         unsafe {
             let old = _mm512_maskz_loadu_epi64(mask, at);
             _mm512_mask_storeu_epi64(at, mask, _mm512_max_epu64(old, new));
         }
+        start += view.width;
     }
+}
+
+#[target_feature(enable = "avx512f,avx512vl")]
+#[inline]
+fn times(x: __m512d, by: f64) -> __m512d {
+    _mm512_mul_pd(_mm512_set1_pd(by), x)
+}
+
+/// The lanes of `mask` where an edge function reaches what it must.
+#[target_feature(enable = "avx512f,avx512vl")]
+#[inline]
+fn reaches(mask: __mmask8, product: __m512d, constant: f64, least: f64) -> __mmask8 {
+    let value = _mm512_add_pd(product, _mm512_set1_pd(constant));
+    _mm512_mask_cmp_pd_mask::<_CMP_GE_OQ>(mask, value, _mm512_set1_pd(least))
 }
