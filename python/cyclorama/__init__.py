@@ -9,6 +9,7 @@ from .evaluation import Evaluation, evaluate
 from .loading import describe, load
 from .merging import merge
 from .paths import PathVisibility, bake_path
+from .region import Region, visible_from
 from .render import BACKGROUND, View
 from .scene import Scene
 from .tradeoff import Tradeoff, tradeoff
@@ -23,6 +24,7 @@ __all__ = [
     "Camera",
     "Evaluation",
     "PathVisibility",
+    "Region",
     "Scene",
     "Tradeoff",
     "View",
@@ -40,4 +42,5 @@ __all__ = [
     "scenes",
     "sphere",
     "tradeoff",
+    "visible_from",
 ]
