@@ -114,7 +114,7 @@ def bake(
     >>> 0.2 < vis.culling_rate() < 0.5
     True
     """
-    check_options(join=join, join_count=join_count, probes=probes, strategy=strategy, part=part)
+    check_options(join=join, join_count=join_count, probes=probes, strategy=strategy, seed=seed, part=part)
     framing = Framing.of(scene, resolution, fov_y)
     shells_at = _distances(framing, distances)
     if max_missed is not None:
@@ -162,7 +162,7 @@ def bake(
     )
 
 
-def check_options(*, join: str, join_count: int, probes: int, strategy: str, part: tuple[int, int]) -> None:
+def check_options(*, join: str, join_count: int, probes: int, strategy: str, seed: int, part: tuple[int, int]) -> None:
     """Refuses options that are none, before any work."""
     if join not in ("cells", "samples"):
         raise ValueError(f"join must be 'cells' or 'samples', got {join!r}")
@@ -172,7 +172,10 @@ def check_options(*, join: str, join_count: int, probes: int, strategy: str, par
         raise ValueError(f"probes must be a count of at least 0, got {probes!r}")
     if strategy not in STRATEGIES:
         raise ValueError(f"strategy must be one of {', '.join(STRATEGIES)}, got {strategy!r}")
-    if len(part) != 2 or not 0 <= part[0] < part[1]:
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
+        raise ValueError(f"seed must be an integer of at least 0, got {seed!r}")
+    whole = isinstance(part, Sequence) and len(part) == 2 and all(isinstance(k, int | np.integer) for k in part)
+    if not whole or not 0 <= part[0] < part[1]:
         raise ValueError(f"part must be (index, count) with 0 <= index < count, got {part!r}")
 
 

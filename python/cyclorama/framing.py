@@ -52,7 +52,7 @@ class Framing:
             raise ValueError(f"resolution must be (width, height) in pixels, got {self.resolution!r}") from None
         if min(width, height) < 1:
             raise ValueError(f"resolution must be at least 1 x 1 pixels, got {width} x {height}")
-        if not 0 < self.fov_y < 180:
+        if isinstance(self.fov_y, str) or self.fov_y is None or not 0 < self.fov_y < 180:
             raise ValueError(f"fov_y must be between 0 and 180 degrees, got {self.fov_y}")
         object.__setattr__(self, "resolution", (width, height))
 

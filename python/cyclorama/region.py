@@ -9,9 +9,9 @@ The set is *aggressive*: every face in it is seen from somewhere, but one that i
 may be missing. How many are, is estimated from those that were seen by few eyes: Chao's estimate (Scandinavian Journal
 of Statistics 11, 1984) in its bias-corrected form for incidences, ``(n - 1) / n * q1 (q1 - 1) / (2 (q2 + 1))`` with q1
 faces seen by exactly one of n eyes and q2 by exactly two. Eyes at the corners are no random ones, so this is an order
-of magnitude: on procedural houses, trees and gears it was 0.6 to 3 times what the next eyes found, up to 128, while that
-was over a hundred faces, and far more than that once little was left. It knows nothing of faces that no eye is likely to meet: a face behind a
-keyhole leaves no trace in it.
+of magnitude: on procedural houses, trees and gears it was 0.6 to 3 times what further eyes, up to 128, found while that
+was over a hundred faces, and far more than that once little was left. It knows nothing of faces that no eye is likely
+to meet: a face behind a keyhole leaves no trace in it.
 """
 
 from __future__ import annotations

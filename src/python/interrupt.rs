@@ -11,7 +11,7 @@ use std::time::Duration;
 const POLL: Duration = Duration::from_millis(50);
 
 /// More threads than any machine has use for; starting them alone would take minutes.
-const MOST_THREADS: usize = 1024;
+const MOST_THREADS: i64 = 1024;
 
 /// Runs `work` without the GIL on `threads` threads (all cores if `None`).
 ///
@@ -21,7 +21,7 @@ const MOST_THREADS: usize = 1024;
 /// What `work` returns; `KeyboardInterrupt` or what `progress` raised; `RuntimeError` if `work` panicked.
 pub fn run<T: Send>(
     py: Python<'_>,
-    threads: Option<usize>,
+    threads: Option<i64>,
     progress: Option<&Bound<'_, PyAny>>,
     work: impl FnOnce(&Control) -> Result<T, Error> + Send,
 ) -> PyResult<T> {
@@ -32,7 +32,7 @@ pub fn run<T: Send>(
         }
         Some(n) => Some(
             rayon::ThreadPoolBuilder::new()
-                .num_threads(n)
+                .num_threads(n as usize)
                 .build()
                 .map_err(|e| PyRuntimeError::new_err(e.to_string()))?,
         ),

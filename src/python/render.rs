@@ -102,7 +102,7 @@ impl PyMesh {
         mut depth: PyReadwriteArray2<'_, f32>,
         faces: Option<PyReadonlyArray1<'_, u32>>,
         engine: &str,
-        threads: Option<usize>,
+        threads: Option<i64>,
     ) -> PyResult<()> {
         let camera = cameras(&camera)?.pop().ok_or_else(|| PyValueError::new_err("no camera"))?;
         let engine = self::engine(engine)?;
@@ -164,7 +164,7 @@ impl PyMesh {
         mut rows: PyReadwriteArray2<'_, u64>,
         fill: Option<&str>,
         engine: &str,
-        threads: Option<usize>,
+        threads: Option<i64>,
         progress: Option<&Bound<'_, PyAny>>,
         rings: usize,
         supersampling: usize,

@@ -22,7 +22,7 @@ fn visibility_probe<'py>(
     row_of: PyReadonlyArray1<'py, u32>,
     mut seen: PyReadwriteArray2<'py, u64>,
     labels: Option<PyReadonlyArray1<'py, u32>>,
-    threads: Option<usize>,
+    threads: Option<i64>,
     progress: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<(Bound<'py, PyArray1<u32>>, Bound<'py, PyArray1<u32>>)> {
     let cameras = self::cameras(&cameras)?;
