@@ -112,6 +112,8 @@ def _demo(asked: argparse.Namespace) -> int:
 
 def _bake(asked: argparse.Namespace) -> int:
     out = asked.out if asked.out is not None else Path(asked.mesh.stem + ".npz")
+    if out.exists() and out.samefile(asked.mesh):
+        raise _Refused(f"--out {out} is the mesh itself")
     scene = loading.load(asked.mesh)
     check_writable(out)
     vis = baking.bake(

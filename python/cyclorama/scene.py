@@ -171,6 +171,8 @@ def _vertices(vertices: npt.ArrayLike) -> npt.NDArray[np.floating]:
     array = np.asarray(vertices)
     if array.ndim != 2 or array.shape[1] != 3:
         raise ValueError(f"vertices must have shape (V, 3), got {array.shape}")
+    if array.dtype.kind == "c":
+        raise ValueError(f"vertices must be real numbers, got dtype {array.dtype}")
     if array.dtype not in (np.float32, np.float64):
         try:
             array = array.astype(np.float64)
