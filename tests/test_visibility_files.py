@@ -88,6 +88,15 @@ def test_a_damaged_file_is_refused_or_unchanged(tmp_path: Path):
         assert back.bitfields == bake().bitfields and back.cells == bake().cells
 
 
+def test_an_unknown_compression_is_refused(tmp_path: Path):
+    bake().save(tmp_path / "bake.npz")
+    damaged = bytearray((tmp_path / "bake.npz").read_bytes())
+    damaged[damaged.index(b"PK\x01\x02") + 10] = 99
+    (tmp_path / "bad.npz").write_bytes(damaged)
+    with pytest.raises(ValueError, match="not a whole visibility file"):
+        cyc.Visibility.load(tmp_path / "bad.npz")
+
+
 def test_a_foreign_file_is_refused(tmp_path: Path):
     (tmp_path / "text.npz").write_text("not an archive")
     np.savez(tmp_path / "other.npz", points=np.zeros(3))

@@ -28,6 +28,18 @@ __all__ = ["load", "save"]
 
 FORMAT = "cyclorama visibility 1"
 
+#: What NumPy, zipfile and the decoders raise at files that are cut off, damaged or something else.
+_UNREADABLE = (
+    ValueError,
+    KeyError,
+    TypeError,
+    EOFError,
+    AttributeError,
+    NotImplementedError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
+
 
 def save(vis: Visibility, path: str | os.PathLike[str]) -> None:
     """Writes a bake; see `Visibility.save`."""
@@ -62,7 +74,7 @@ def load(path: str | os.PathLike[str]) -> Visibility:
     try:
         with np.load(path, allow_pickle=False) as file:
             return _read(file)
-    except (ValueError, KeyError, TypeError, EOFError, AttributeError, zipfile.BadZipFile, zlib.error) as error:
+    except _UNREADABLE as error:
         raise ValueError(f"{os.fspath(path)} is not a whole visibility file: {error}") from error
 
 
