@@ -16,6 +16,9 @@ from .render import Engine, Fill, View, render, visible
 
 __all__ = ["Scene"]
 
+# Areas are products of two lengths, and their squares are summed: beyond these float64 has no place for them.
+_LEAST_SIZE, _MOST_SIZE = 1e-70, 1e70
+
 
 class Scene:
     """A triangle mesh, checked once and owned by the kernels.
@@ -35,7 +38,8 @@ class Scene:
     ------
     ValueError
         If a vertex is not finite, a face names a vertex that is not there, the mesh is empty, no face has an area,
-        or colours or mask do not fit. The message names the array, the index and the value.
+        the scene is smaller than 1e-70 or larger than 1e70, or colours or mask do not fit. The message names the array,
+        the index and the value.
 
     Examples
     --------
@@ -58,6 +62,10 @@ class Scene:
         self.transparent = None if transparent is None else _mask(transparent, len(self.faces))
         vertices64 = np.asarray(self.vertices, dtype=np.float64, order="C")
         self._mesh = _core.Mesh(vertices64, self.faces, self.transparent)
+        with np.errstate(over="ignore"):
+            size = float((self.bounds[1] - self.bounds[0]).max())
+        if not _LEAST_SIZE <= size <= _MOST_SIZE:
+            raise ValueError(f"vertices span {size:.3g}: sizes from {_LEAST_SIZE:g} to {_MOST_SIZE:g} can be measured")
 
     def __len__(self) -> int:
         """Number of faces."""
