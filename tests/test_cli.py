@@ -214,6 +214,12 @@ def test_bake_refuses(capsys, mesh, words, says):
     refused(capsys, "bake", mesh, "-q", *words, match=says)
 
 
+def test_a_bake_does_not_overwrite_its_mesh(capsys, mesh):
+    before = mesh.read_bytes()
+    refused(capsys, "bake", mesh, "-o", mesh.name, match="the mesh itself")
+    assert mesh.read_bytes() == before
+
+
 def test_a_folder_that_cannot_be_written_is_found_before_the_work(capsys, mesh, tmp_path, monkeypatch):
     locked = tmp_path / "locked"
     locked.mkdir()

@@ -359,6 +359,8 @@ BAD = {
     "resolution": lambda s: baked(s, resolution=(0, 5)),
     "fov_y must be between 0 and 180": lambda s: baked(s, fov_y=180),
     "fill": lambda s: baked(s, fill="paint"),
+    "fill must be 'rays', 'neighbours' or None, got 0": lambda s: baked(s, fill=0),
+    "directions must be numbers": lambda s: baked(s, (camera for camera in around(s, (9, 0, 0)))),
     "join must be": lambda s: baked(s, join="both"),
     "join_count must be 3 or 6": lambda s: baked(s, join_count=4),
     "probes must be a count": lambda s: baked(s, probes=-1),
@@ -377,6 +379,29 @@ BAD = {
     "fov_y must be between 0 and 180 degrees, got x": lambda s: baked(s, fov_y="x"),
     "progress must be": lambda s: baked(s, progress="loud"),
 }
+
+
+def test_shots_may_stand_in_an_array():
+    shots = around(gear(), (9, 0, 0), (0, 9, 0), (0, 0, 9), (-9, -9, -9))
+    array = np.empty(len(shots), dtype=object)
+    array[:] = shots
+    assert baked(gear(), array, probes=0).bitfields == baked(gear(), shots, probes=0).bitfields
+
+
+@pytest.mark.parametrize("size", [1e-200, 1e200])
+def test_scenes_whose_areas_float64_cannot_hold_are_refused(size: float):
+    with pytest.raises(ValueError, match="span"):
+        cyc.Scene(gear().vertices.astype(np.float64) * size, gear().faces)
+
+
+@pytest.mark.parametrize("size", [1e-60, 1e60])
+def test_scenes_of_any_other_size_are_baked_alike(size: float):
+    scaled = cyc.Scene(gear().vertices.astype(np.float64) * size, gear().faces)
+    vis = baked(scaled, probes=2)
+    assert vis.culling_rate() == pytest.approx(baked(gear(), probes=2).culling_rate(), abs=1e-3)
+    assert 0 < len(vis.visible_faces(scaled.center + [0, 0, 4 * scaled.radius])) < len(scaled)
+    assert vis.culling_shares(scaled) == pytest.approx(baked(gear(), probes=2).culling_shares(gear()), abs=1e-3)
+    cyc.evaluate(vis, scaled, views=2, progress=False)
 
 
 @pytest.mark.parametrize("message", BAD)

@@ -255,6 +255,8 @@ def _distances(framing: Framing, distances: Sequence[float] | None) -> list[floa
 
 def _shots(views: Views) -> list[Camera] | None:
     """The author's cameras, if that is what `views` is."""
+    if isinstance(views, np.ndarray) and views.dtype == object:
+        views = views.tolist()
     if not isinstance(views, Sequence) or isinstance(views, str | bytes):
         return None
     shots = [camera for camera in views if isinstance(camera, Camera)]

@@ -168,7 +168,10 @@ def unit_directions(directions: npt.ArrayLike) -> Floats:
     >>> unit_directions([[0, 0, 2]])
     array([[0., 0., 1.]])
     """
-    array = np.asarray(directions, dtype=np.float64)
+    try:
+        array = np.asarray(directions, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(f"directions must be numbers of shape (N, 3), got {directions!r}") from None
     if array.ndim != 2 or array.shape[1] != 3:
         raise ValueError(f"directions must have shape (N, 3), got {array.shape}")
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):

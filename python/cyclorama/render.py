@@ -143,6 +143,8 @@ def visible(
     (array([0]), array([1]))
     """
     views = [cameras] if isinstance(cameras, Camera) else list(cameras)
+    if fill is not None and not isinstance(fill, str):
+        raise ValueError(f"fill must be 'rays', 'neighbours' or None, got {fill!r}")
     for name, value in (("rings", rings), ("supersampling", supersampling), ("points", points)):
         if not isinstance(value, (int, np.integer)) or not 1 <= value <= 64 * 1024:
             raise ValueError(f"{name} must be an integer of at least 1, got {value!r}")
