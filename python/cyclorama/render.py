@@ -118,7 +118,8 @@ def visible(
     out : (S, W) ndarray of uint64, optional
         Memory for the answer; W is ceil(F / 64). Bits that are set in it stay set.
     threads : int, optional
-        All cores by default. The answer doesn't depend on it. Memory is one image per thread.
+        All cores by default. The answer doesn't depend on it. Memory is one image per thread: 8 bytes a sample, and for
+        "rays" `supersampling` squared samples a pixel.
     progress : bool or callable, optional
         A bar by default, where somebody watches.
 

@@ -3,7 +3,8 @@
 //! An id-buffer loses every face that falls between its samples, which is most faces of a scan or a CAD model.
 //! Here each face not seen yet is either set aside because the picture hides all of it, or tested at points: one
 //! that no other face occludes proves the face visible, in the same arithmetic as the id-buffer's. Nothing
-//! invisible is ever answered; what is only visible between all tested points is missed.
+//! invisible is ever answered. Missed is what can only be seen between all tested points, or through a gap between
+//! the samples of a picture that seems to hide it.
 
 use super::BACKGROUND;
 use super::frame::{self, Frame};
