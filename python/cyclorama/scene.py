@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -21,7 +22,7 @@ _LEAST_SIZE, _MOST_SIZE = 1e-70, 1e70
 
 
 class Scene:
-    """A triangle mesh, checked once and owned by the kernels.
+    """A triangle mesh, checked once and owned by the kernels; its arrays are read-only copies.
 
     Parameters
     ----------
@@ -175,6 +176,13 @@ class Scene:
         )
 
 
+def _own(array: npt.NDArray[Any], dtype: npt.DTypeLike) -> npt.NDArray[Any]:
+    """A copy that never changes, whatever happens to the caller's array."""
+    copy = np.array(array, dtype=dtype, order="C")
+    copy.flags.writeable = False
+    return copy
+
+
 def _vertices(vertices: npt.ArrayLike) -> npt.NDArray[np.floating]:
     array = np.asarray(vertices)
     if array.ndim != 2 or array.shape[1] != 3:
@@ -186,7 +194,7 @@ def _vertices(vertices: npt.ArrayLike) -> npt.NDArray[np.floating]:
             array = array.astype(np.float64)
         except (TypeError, ValueError) as error:
             raise ValueError(f"vertices must be numbers, got dtype {array.dtype}") from error
-    return np.ascontiguousarray(array)
+    return _own(array, array.dtype)
 
 
 def _faces(faces: npt.ArrayLike, vertex_count: int) -> npt.NDArray[np.uint32]:
@@ -200,7 +208,7 @@ def _faces(faces: npt.ArrayLike, vertex_count: int) -> npt.NDArray[np.uint32]:
     if array.min() < 0 or array.max() >= vertex_count:
         face = int(np.flatnonzero(((array < 0) | (array >= vertex_count)).any(axis=1))[0])
         raise ValueError(f"faces[{face}] is {array[face].tolist()}, but the mesh has {vertex_count} vertices")
-    return np.ascontiguousarray(array, dtype=np.uint32)
+    return _own(array, np.uint32)
 
 
 def _colors(colors: npt.ArrayLike, vertex_count: int, face_count: int) -> npt.NDArray[np.uint8]:
@@ -209,11 +217,11 @@ def _colors(colors: npt.ArrayLike, vertex_count: int, face_count: int) -> npt.ND
         raise ValueError(f"colors must be (V, 3) or (F, 3) uint8, got {array.shape} {array.dtype}")
     if len(array) not in (vertex_count, face_count):
         raise ValueError(f"colors has {len(array)} rows, the scene {vertex_count} vertices and {face_count} faces")
-    return np.ascontiguousarray(array)
+    return _own(array, array.dtype)
 
 
 def _mask(mask: npt.ArrayLike, face_count: int) -> npt.NDArray[np.bool_]:
     array = np.asarray(mask)
     if array.shape != (face_count,) or array.dtype != np.bool_:
         raise ValueError(f"transparent must be ({face_count},) bool, got {array.shape} {array.dtype}")
-    return np.ascontiguousarray(array)
+    return _own(array, array.dtype)
