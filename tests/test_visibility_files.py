@@ -88,6 +88,17 @@ def test_a_damaged_file_is_refused_or_unchanged(tmp_path: Path):
         assert back.bitfields == bake().bitfields and back.cells == bake().cells
 
 
+@pytest.mark.parametrize("name", ["labels", "probes", "points"])
+def test_a_file_whose_parts_do_not_fit_is_refused(tmp_path: Path, name: str):
+    cyc.bake(cyc.scenes.sphere(faces=320), 6, 9, (32, 32), probes=1, progress=False).save(tmp_path / "bake.npz")
+    with np.load(tmp_path / "bake.npz") as file:
+        parts = dict(file)
+    for wrong in (parts[name][:-1], parts[name] + 1000 if name == "labels" else parts[name][None]):
+        np.savez(tmp_path / "bad.npz", **{**parts, name: wrong})
+        with pytest.raises(ValueError, match="not a whole visibility file"):
+            cyc.Visibility.load(tmp_path / "bad.npz")
+
+
 def test_an_unknown_compression_is_refused(tmp_path: Path):
     bake().save(tmp_path / "bake.npz")
     damaged = bytearray((tmp_path / "bake.npz").read_bytes())

@@ -84,12 +84,17 @@ def _read(file: Any) -> Visibility:
         raise ValueError(f"its format is {header['format']!r}, not {FORMAT!r}")
     settings = dict(header["settings"])
     settings["resolution"] = tuple(settings["resolution"])
-    labels = file["labels"] if "labels" in file else None
-    points, faces = file["points"], file["sphere_faces"]
+    size, labels = int(header["faces"]), file["labels"] if "labels" in file else None
+    points, faces, probes = file["points"], file["sphere_faces"], file["probes"]
     rows = bitfield.decode({name.removeprefix("rows_"): file[name] for name in file if name.startswith("rows_")})
     each = len(points) + (len(faces) if header["cells"] else 0)
     if len(rows) != each * len(header["distances"]):
         raise ValueError(f"it has {len(rows)} rows for {len(header['distances'])} distances of {each}")
+    if rows.size != (size if labels is None else int(labels.max()) + 1):
+        raise ValueError(f"its rows have {rows.size} bits, for {size} faces or their patches")
+    for name, array, count in (("labels", labels, size), ("probes", probes, len(faces))):
+        if array is not None and (array.shape != (count,) or array.dtype.kind not in "iu"):
+            raise ValueError(f"its {name} are {array.shape} {array.dtype}, not {count} integers")
     shells = []
     for k, distance in enumerate(header["distances"]):
         own = rows[k * each : (k + 1) * each]
@@ -99,11 +104,11 @@ def _read(file: Any) -> Visibility:
         view_sphere,
         shells,
         model_radius=header["model_radius"],
-        size=header["faces"],
+        size=size,
         labels=labels,
         settings=Settings(**settings),
         mesh=header["mesh"],
-        probes=file["probes"],
+        probes=probes,
         found=file["found"],
         statement=header["statement"],
     )
