@@ -381,6 +381,24 @@ BAD = {
 }
 
 
+def test_a_scene_does_not_follow_the_arrays_it_was_made_from():
+    vertices, faces = gear().vertices.copy(), gear().faces.copy()
+    scene = cyc.Scene(vertices, faces)
+    vertices += 9
+    faces[:] = 0
+    np.testing.assert_array_equal(scene.vertices, gear().vertices)
+    np.testing.assert_array_equal(scene.faces, gear().faces)
+    with pytest.raises(ValueError, match="read-only"):
+        scene.vertices[0] = 1
+
+
+@pytest.mark.parametrize("face", [-1, 3000, 2**32 + 1])
+def test_faces_to_draw_are_faces_of_the_scene(face: int):
+    (camera,) = around(gear(), (9, 0, 0))
+    with pytest.raises(ValueError, match=rf"faces\[1\] is {face}, the scene has 3000 faces"):
+        gear().render(camera, faces=[0, face])
+
+
 def test_shots_may_stand_in_an_array():
     shots = around(gear(), (9, 0, 0), (0, 9, 0), (0, 0, 9), (-9, -9, -9))
     array = np.empty(len(shots), dtype=object)

@@ -42,6 +42,9 @@ def merge(*bakes: Visibility) -> Visibility:
     """
     if not bakes:
         raise ValueError("merge needs at least one bake")
+    for index, bake in enumerate(bakes):
+        if not isinstance(bake, Visibility):
+            raise ValueError(f"bakes[{index}] must be a Visibility, got {type(bake).__name__}")
     first = bakes[0]
     for index, other in enumerate(bakes[1:], start=1):
         _check_alike(first, other, index)

@@ -70,7 +70,7 @@ def render(
         raise ValueError(f"out has shape {out.ids.shape}, the camera {shape}")
     else:
         ids, depth = out.ids, out.depth
-    only = None if faces is None else _face_ids(faces)
+    only = None if faces is None else _face_ids(faces, len(scene))
     scene._mesh.render(stack([camera]), ids, depth, only, engine, threads)
     return View(ids, depth, camera, scene)
 
@@ -164,11 +164,11 @@ def visible(
     return Bitfields(rows, len(scene))
 
 
-def _face_ids(faces: npt.ArrayLike) -> npt.NDArray[np.uint32]:
+def _face_ids(faces: npt.ArrayLike, face_count: int) -> npt.NDArray[np.uint32]:
     array = np.asarray(faces)
     if array.ndim != 1 or (len(array) and array.dtype.kind not in "iu"):
         raise ValueError(f"faces must be (K,) integers, got {array.shape} {array.dtype}")
-    if len(array) and array.min() < 0:
-        index = int(array.argmin())
-        raise ValueError(f"faces[{index}] is {array[index]}")
+    # Checked before they are narrowed to 32 bits.
+    for index in np.flatnonzero((array < 0) | (array >= face_count)):
+        raise ValueError(f"faces[{index}] is {array[index]}, the scene has {face_count} faces")
     return np.ascontiguousarray(array, dtype=np.uint32)
