@@ -110,7 +110,7 @@ def visible(
     supersampling : int
         For "rays": samples of the picture along each side of a pixel.
     points : int
-        For "rays": points tested on a face before it is given up; long thin faces get up to 4 times as many.
+        For "rays": points tested on a face before it is given up; long thin faces get up to 3 times as many.
     engine : {"auto", "raster", "raycast"}
         Both give the same bits.
     known : Bitfields or (S, W) ndarray of uint64, optional
