@@ -115,6 +115,8 @@ def bake(
     True
     """
     check_options(join=join, join_count=join_count, probes=probes, strategy=strategy, seed=seed, part=part)
+    if not isinstance(scene, Scene):
+        raise ValueError(f"scene must be a Scene, got {type(scene).__name__}: cyclorama.load makes one")
     framing = Framing.of(scene, resolution, fov_y)
     shells_at = _distances(framing, distances)
     if max_missed is not None:

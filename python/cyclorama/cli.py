@@ -9,9 +9,10 @@ from __future__ import annotations
 import argparse
 import re
 import sys
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NoReturn, TextIO
 
 import numpy as np
 
@@ -55,7 +56,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     try:
         asked = _parser().parse_args(_joined(sys.argv[1:] if arguments is None else arguments))
-        return int(asked.run(asked))
+        with warnings.catch_warnings():
+            warnings.showwarning = _warn
+            return int(asked.run(asked))
     except KeyboardInterrupt:
         print("cyclorama: interrupted", file=sys.stderr)
         return INTERRUPTED
@@ -65,6 +68,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (ValueError, OSError, ImportError, MemoryError) as error:
         print(f"cyclorama: error: {_one_line(error)}", file=sys.stderr)
         return BAD_INPUT
+
+
+def _warn(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    file: TextIO | None = None,
+    line: str | None = None,
+) -> None:
+    """A warning as one line, without the place in our sources that it comes from."""
+    print(f"cyclorama: warning: {' '.join(str(message).split())}", file=sys.stderr)
 
 
 def _one_line(error: BaseException) -> str:

@@ -8,6 +8,7 @@ the camera is orthographic.
 from __future__ import annotations
 
 import math
+import operator
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,7 +48,7 @@ class Framing:
 
     def __post_init__(self) -> None:
         try:
-            width, height = (int(side) for side in self.resolution)
+            width, height = (operator.index(side) for side in self.resolution)
         except (TypeError, ValueError):
             raise ValueError(f"resolution must be (width, height) in pixels, got {self.resolution!r}") from None
         if min(width, height) < 1:

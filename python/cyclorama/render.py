@@ -63,6 +63,8 @@ def render(
     threads: int | None = None,
 ) -> View:
     """Draw one view; see `Scene.render`."""
+    if not isinstance(camera, Camera):
+        raise ValueError(f"camera must be a Camera, got {type(camera).__name__}")
     shape = (camera.height, camera.width)
     if out is None:
         ids, depth = np.empty(shape, np.uint32), np.empty(shape, np.float32)
