@@ -293,8 +293,8 @@ def test_ctrl_c_ends_with_130_and_leaves_no_file(tmp_path):
 def test_a_warning_is_one_line(tmp_path, capfd):
     mesh = tmp_path / "box.off"
     mesh.write_text("OFF\n4 2 0\n0 0 0\n1 0 0\n1 1 0\n0 1 1\n3 0 1 2\n3 0 2 3\n")
-    arguments = ["bake", str(mesh), "--views", "6", "--patches", "9", "--output", str(tmp_path / "box.npz")]
-    assert main(arguments) == 0
+    arguments = ["bake", str(mesh), "--views", "6", "--patches", "9", "-o", str(tmp_path / "box.npz")]
+    assert cli.main(arguments) == 0
     said = capfd.readouterr().err
     assert [line for line in said.splitlines() if "warning" in line.lower()] == [
         line for line in said.splitlines() if line.startswith("cyclorama: warning: ")

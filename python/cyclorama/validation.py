@@ -213,7 +213,7 @@ def _engines(scene: Scene, cameras: list[Camera]) -> Row:
         same += int((either & (raster.ids == rays.ids) & (raster.depth == rays.depth)).sum())
     return {
         "peer": "our two engines",
-        "version": metadata.version("cyclorama"),
+        "version": _version("cyclorama"),
         "covered": covered,
         "same": same / max(covered, 1),
         "agree": same / max(covered, 1),
