@@ -7,6 +7,7 @@ A test that needs a package, a driver or a mesh which is not here skips with a r
 from __future__ import annotations
 
 import os
+import signal
 from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
@@ -20,6 +21,9 @@ import cyclorama as cyc
 
 os.environ.setdefault("MPLBACKEND", "Agg")
 os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
+
+# A shell that starts this in the background has it ignore Ctrl-C, and its children too; tests of Ctrl-C need the default.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 STRICT = os.environ.get("CYCLORAMA_STRICT", "") not in ("", "0")
 

@@ -281,10 +281,13 @@ def test_ctrl_c_ends_with_130_and_leaves_no_file(tmp_path):
         [sys.executable, "-c", script, "bake", "gear.ply", "--views", "4098"],
         cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
     )  # fmt: skip
-    assert work.stdout.readline() == "begun\n"
-    time.sleep(0.5)
-    work.send_signal(signal.SIGINT)
-    err = work.communicate(timeout=30)[1]
+    try:
+        assert work.stdout.readline() == "begun\n"
+        time.sleep(0.5)
+        work.send_signal(signal.SIGINT)
+        err = work.communicate(timeout=30)[1]
+    finally:
+        work.kill()
     assert work.returncode == 130, err
     assert err.strip().splitlines()[-1] == "cyclorama: interrupted"
     assert os.listdir(tmp_path) == ["gear.ply"]
