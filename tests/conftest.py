@@ -22,7 +22,7 @@ import cyclorama as cyc
 os.environ.setdefault("MPLBACKEND", "Agg")
 os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
 
-# A shell that starts this in the background has it ignore Ctrl-C, and its children too; tests of Ctrl-C need the default.
+# A shell that starts this in the background has it ignore Ctrl-C, and its children too: back to the default.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 STRICT = os.environ.get("CYCLORAMA_STRICT", "") not in ("", "0")
