@@ -103,7 +103,7 @@ impl Hierarchy {
                 let candidate = sample(nearness.key(view.projection), face);
                 if candidate > best {
                     best = candidate;
-                    // Faces that tie in float32 lie within an ulp beyond.
+                    // Faces whose keys tie lie no farther beyond than this.
                     limit = nearness.depth(view.projection) * (1.0 + 2.0 * f64::from(f32::EPSILON));
                 }
             }
