@@ -22,7 +22,7 @@ test: lint
 	cargo test --quiet
 	$(BIN)/python -m pytest
 
-bench: $(VENV)/.test $(VENV)/.built
+bench: $(VENV)/.test $(VENV)/.built target/embree16
 	$(BIN)/python benches
 
 lint: $(VENV)/.test $(VENV)/.built $(VENV)/.rust
@@ -34,6 +34,12 @@ lint: $(VENV)/.test $(VENV)/.built $(VENV)/.rust
 	$(BIN)/mypy
 	$(BIN)/python -m mypy.stubtest cyclorama._core --mypy-config-file pyproject.toml \
 	  --allowlist tools/stubtest-allowed --ignore-disjoint-bases
+
+# Embree's packets of 16 rays, to race against; the bench says so where libembree-dev is not to be had.
+target/embree16: benches/embree16/packets.cpp
+	@mkdir -p target
+	tools/system-packages g++ libembree-dev valgrind
+	-test ! -e /usr/include/embree3/rtcore.h || $(CXX) -std=c++20 -O3 -march=native -Wall -Wextra $< -lembree3 -pthread -o $@
 
 clean:
 	rm -rf $(VENV) target out

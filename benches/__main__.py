@@ -12,7 +12,7 @@ import time
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
-SCRIPTS = sorted(path.stem for path in HERE.glob("*.py") if path.stem not in ("__main__", "bench"))
+SCRIPTS = sorted(path.stem for path in HERE.glob("*.py") if path.stem not in ("__main__", "bench", "rivals"))
 
 
 def main() -> int:
