@@ -27,14 +27,17 @@ sys.path.insert(0, str(CLONE / "tests"))
 
 
 def options(description: str | None, **defaults: Any) -> argparse.Namespace:
-    """The command line of a script: `--quick`, `--meshes`, and an option for each default, of its type."""
+    """A script's command line: `--quick`, `--meshes`, and for each default an option of its type (a flag for False)."""
     parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="fewer meshes and rounds, to see that it runs")
     parser.add_argument("--meshes", type=Path, default=MESHES, help="folder of meshes")
     for name, value in defaults.items():
+        flag = "--" + name.replace("_", "-")
+        if value is False:
+            parser.add_argument(flag, action="store_true")
+            continue
         many = isinstance(value, list)
         kind = type(value[0] if many else value)
-        flag = "--" + name.replace("_", "-")
         parser.add_argument(flag, type=kind, default=value, nargs="+" if many else None)
     chosen = parser.parse_args()
     if not chosen.meshes.is_dir():
