@@ -104,7 +104,7 @@ SETTINGS = {
     "kitchen": "interior",
     **dict.fromkeys(("kitchen inside", "sibenik inside", "fzk_haus inside", "q3_20kdm2 inside"), "interior"),
     **dict.fromkeys(("tori2m", "tori2m inside"), "deep"),
-    **dict.fromkeys(("engine_2cylinder", "legocar", "x_wing", "tray_plate"), "CAD"),
+    **dict.fromkeys(("engine_2cylinder", "legocar", "x_wing"), "CAD"),
     **dict.fromkeys(("tree", "bamboo_truss"), "foliage"),
 }
 
@@ -122,9 +122,9 @@ def tori(grid: tuple[int, int, int] = (13, 13, 12), around: int = 32, across: in
     """Randomly turned tori at the integers of a grid, none touching another: by default 2,076,672 faces."""
     rng = np.random.default_rng(seed)
     u, v = (2 * np.pi * np.arange(n) / n for n in (around, across))
-    ring = 0.32 + 0.12 * np.cos(v)
+    ring = 0.35 + 0.14 * np.cos(v)
     torus = np.stack(
-        [np.cos(u)[:, None] * ring, np.sin(u)[:, None] * ring, np.broadcast_to(0.12 * np.sin(v), (around, across))], -1
+        [np.cos(u)[:, None] * ring, np.sin(u)[:, None] * ring, np.broadcast_to(0.14 * np.sin(v), (around, across))], -1
     ).reshape(-1, 3)
     k = np.arange(around * across).reshape(around, across)
     a, b, c, d = k, np.roll(k, -1, 0), np.roll(k, (-1, -1), (0, 1)), np.roll(k, -1, 1)

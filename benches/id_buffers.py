@@ -10,6 +10,7 @@ bare row (*x sure*: than our sure one) on as many threads:
   shader that writes the number of the face, on all cores; opencv: `triangleRasterizeDepth`, which gives depth only;
 * emb16: Embree 3 from C++, coherent packets of 4 x 4 pixels, built with -O3 -march=native; emb: its single rays.
 
+*auto/best* is how much longer a bare row takes by the engine that is chosen than by the faster one.
 *depth* is the depth complexity: the faces that the ray through a pixel's centre crosses, averaged over the pixels that
 see any. *differ* is the share of bits that differ between ours and Open3D's, of all set. *limit* is the time in which
 all cores read the mesh once (12 bytes a vertex and a face) and write ids and depths once, at the measured bandwidth;
@@ -21,6 +22,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
+from importlib import metadata
 from typing import Any
 
 import numpy as np
@@ -31,13 +33,14 @@ from cyclorama import lab, peers
 from cyclorama.camera import stack
 
 QUICK = ["bunny", "kitchen inside", "tree"]
-MANY = 1_000_000
+
+ENGINES = ("auto", "raster", "raycast")
 
 Job = Callable[[], object]
 
 
 def jobs_of(setting: bench.Setting) -> tuple[dict[str, tuple[int, Job]], dict[str, str], list[Any]]:
-    """How many views each job draws and the job; why a rival is not there; the rivals that are."""
+    """How many views each job draws and the job; notes on rivals; the rivals that are there."""
     scene, cameras = setting.scene, setting.cameras
     few = cameras[:: max(1, len(cameras) // 4)]
     jobs: dict[str, tuple[int, Job]] = {}
@@ -45,7 +48,10 @@ def jobs_of(setting: bench.Setting) -> tuple[dict[str, tuple[int, Job]], dict[st
         see = functools.partial(scene.visible, cameras, threads=threads, progress=False)
         jobs["bare" + name] = len(cameras), functools.partial(see, fill=None)
         jobs["sure" + name] = len(cameras), see
-    missing, here = {}, []
+    for engine in ENGINES:
+        see = functools.partial(scene.visible, few, fill=None, engine=engine, progress=False)
+        jobs[engine] = len(few), see
+    notes, here = {}, []
     makers: dict[str, Callable[[], Any]] = {
         "o3d": lambda: rivals.Open3D(scene),
         "emb16": lambda: rivals.Embree16(scene, cameras),
@@ -57,7 +63,7 @@ def jobs_of(setting: bench.Setting) -> tuple[dict[str, tuple[int, Job]], dict[st
         try:
             rival = make()
         except peers.Missing as why:
-            missing[name] = str(why)
+            notes[name] = f"missing, {why}"
             continue
         here.append(rival)
         if name == "o3d":
@@ -66,16 +72,16 @@ def jobs_of(setting: bench.Setting) -> tuple[dict[str, tuple[int, Job]], dict[st
                     cast = functools.partial(rival.rows, cameras, own=own, threads=threads)
                     jobs[f"o3d{suffix}{', own rays' if own else ''}"] = len(cameras), cast
         elif name == "emb16":
-            for lanes, title in ((16, "emb16"), (1, "emb")):
-                jobs[title] = len(cameras), functools.partial(rival.draw, lanes, bench.cores())
-                jobs[title + " 1"] = len(cameras), functools.partial(rival.draw, lanes, 1)
+            notes[name] = rival.version
+            for title, lanes, threads in (("emb16", 16, bench.cores()), ("emb16 1", 16, 1), ("emb 1", 1, 1)):
+                jobs[title] = len(cameras), functools.partial(rival.draw, lanes, threads)
         else:
             jobs[name] = len(few), functools.partial(rival.rows, few)
-    return jobs, missing, here
+    return jobs, notes, here
 
 
 def race(setting: bench.Setting, rounds: int) -> tuple[dict[str, Any], dict[str, str]]:
-    """The row of a setting, and why rivals are missing from it."""
+    """The row of a setting, and notes on the rivals."""
     jobs, notes, here = jobs_of(setting)
     timed = lab.sweep({"job": jobs}, timed=lambda job: jobs[job][1], rounds=rounds, progress=False)
     notes |= {row["job"]: row["error"] for row in timed if "error" in row}
@@ -94,6 +100,8 @@ def race(setting: bench.Setting, rounds: int) -> tuple[dict[str, Any], dict[str,
     row |= {"x o3d 1": ratio(ms, "o3d 1", "bare 1"), "x sure 1": ratio(ms, "o3d 1", "sure 1")}
     row |= {f"x {name}": ratio(ms, name, "bare") for name in ("trimesh", "pyrender", "opencv", "emb16")}
     row |= {"x emb16 1": ratio(ms, "emb16 1", "bare 1"), "x emb 1": ratio(ms, "emb 1", "bare 1")}
+    row |= {f"{name} ms": ms[name] for name in ENGINES[1:]}
+    row["auto/best"] = ms["auto"] / min(ms[name] for name in ENGINES)
     row["differ, %"] = 100 * differ(setting, opened) if opened else None
     row["limit ms"] = limit(setting)
     row["of it"] = ms["bare"] / row["limit ms"]
@@ -133,28 +141,35 @@ def shares(setting: bench.Setting) -> dict[str, float]:
     return {f"{name}, %": 100 * value / sum(seconds.values()) for name, value in seconds.items()}
 
 
+def surroundings() -> str:
+    """The versions of the rivals, and how fast the memory is."""
+    owners = metadata.packages_distributions()
+    names = [owners[module][0] for module in ("open3d", "trimesh", "embreex", "pyrender", "cv2") if module in owners]
+    versions = ", ".join(f"{name} {metadata.version(name)}" for name in names)
+    speeds = "; ".join(
+        f"{title}: " + ", ".join(f"{name} {speed:.0f}" for name, speed in row.items())
+        for title, row in bench.bandwidth().items()
+    )
+    return f"versions: {versions}\nmemory, GB/s: {speeds}"
+
+
 def main() -> None:
     asked = bench.options(__doc__, views=24, rounds=5, names=list(bench.SETTINGS))
     names = QUICK if asked.quick else asked.names
     views, rounds = (4, 3) if asked.quick else (asked.views, asked.rounds)
     table, notes = [], {}
     for name in names:
-        setting = bench.setting(asked.meshes, name, views)
-        if len(setting.scene) > MANY:
-            setting = bench.setting(asked.meshes, name, max(1, views // 2))
-        row, missing = race(setting, rounds)
+        half = bench.SETTINGS.get(name) == "deep"
+        setting = bench.setting(asked.meshes, name, max(1, views // 2) if half else views)
+        row, more = race(setting, rounds)
         table.append(row)
-        notes |= missing
+        notes |= more
         print(f"{name}: {row['bare ms']:.2f} ms bare, {row['sure ms']:.2f} sure", flush=True)
     bench.show(f"Rows of bits at 510 x 480, {views} views a call, medians of {rounds} interleaved rounds", table)
-    for name, why in notes.items():
-        print(f"* {name} is missing: {why}")
-    print(
-        "\nmemory, GB/s: "
-        + "; ".join(
-            f"{t}: " + ", ".join(f"{k} {v:.0f}" for k, v in speeds.items()) for t, speeds in bench.bandwidth().items()
-        )
-    )
+    print()
+    for name, note in notes.items():
+        print(f"{name}: {note}")
+    print(surroundings())
 
 
 if __name__ == "__main__":

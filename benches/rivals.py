@@ -24,7 +24,7 @@ EMBREE16 = bench.CLONE / "target" / "embree16"
 
 
 def pack(ids: np.ndarray, count: int) -> np.ndarray:
-    """The row of bits of an id-buffer; background is the last id before overflow, as int32 -1."""
+    """The row of bits of an id-buffer (int32); its background, -1, falls into a spare entry at the end."""
     seen = np.zeros(count + 1, bool)
     seen[ids.ravel()] = True
     return np.packbits(seen[:count], bitorder="little")
