@@ -5,9 +5,9 @@ use super::interrupt;
 use crate::camera::{Camera, Projection};
 use crate::mesh::Mesh;
 use crate::render::frame;
-use crate::render::projected::Projected;
 use crate::render::scene::{Engine, Scene};
 use crate::render::shade::{Colors, shade};
+use crate::render::view::View;
 use crate::render::visible::{Fill, Rays, visible_rows};
 use glam::{DMat3, DVec3};
 use numpy::{
@@ -114,7 +114,7 @@ impl PyMesh {
         let (ids, depth) = (ids.as_slice_mut()?, depth.as_slice_mut()?);
         interrupt::run(py, threads, None, |_| {
             let (view, image) = self.0.draw(&camera, only, engine)?;
-            for ((sample, id), depth) in image.samples.iter().zip(ids).zip(depth) {
+            for ((sample, id), depth) in image.rows().flatten().zip(ids).zip(depth) {
                 *id = frame::face(*sample);
                 *depth = frame::depth(*sample, &view);
             }
@@ -148,9 +148,7 @@ impl PyMesh {
         }
         interrupt::run(py, None, None, |_| {
             camera.check()?;
-            let mut view = Projected::default();
-            view.fill(mesh, &camera);
-            shade(mesh, &view, ids, colors, picture)
+            shade(mesh, &View::new(mesh, &camera), ids, colors, picture)
         })
     }
 

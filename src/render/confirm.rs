@@ -8,9 +8,10 @@
 
 use super::BACKGROUND;
 use super::frame::{self, Frame};
-use super::projected::Projected;
 use super::raycast::{Caster, Hierarchy};
-use super::triangle::{Key, Nearness, Triangle, nearest_corner};
+use super::triangle::{Key, Nearness, Triangle};
+use super::view::{Vertex, View};
+use crate::camera::Projection;
 use std::ops::Range;
 
 /// Side of the squares of samples whose farthest key is kept.
@@ -43,7 +44,7 @@ impl Farthest {
         self.columns = frame.width.div_ceil(TILE);
         self.keys.clear();
         self.keys.resize(self.columns * frame.height.div_ceil(TILE), Key::MAX);
-        for (y, line) in frame.samples.chunks_exact(frame.width).enumerate() {
+        for (y, line) in frame.rows().enumerate() {
             let tiles = &mut self.keys[y / TILE * self.columns..][..self.columns];
             for (tile, samples) in tiles.iter_mut().zip(line.chunks(TILE)) {
                 *tile = samples.iter().fold(*tile, |least, &s| least.min(frame::key(s)));
@@ -54,8 +55,7 @@ impl Farthest {
     /// Whether every sample of the box is nearer than `key`.
     fn all_nearer(&self, frame: &Frame, x: &Range<usize>, y: &Range<usize>, key: Key) -> bool {
         if x.len() * y.len() <= SMALL_BOX {
-            y.clone()
-                .all(|y| frame.samples[y * frame.width..][x.clone()].iter().all(|&s| frame::key(s) > key))
+            y.clone().all(|y| frame.row(y)[x.clone()].iter().all(|&s| frame::key(s) > key))
         } else {
             (y.start / TILE..=(y.end - 1) / TILE).all(|row| {
                 let tiles = &self.keys[row * self.columns..][x.start / TILE..=(x.end - 1) / TILE];
@@ -80,8 +80,9 @@ pub struct Confirm<'a, F: Fn(u32) -> bool> {
 impl<F: Fn(u32) -> bool> Confirm<'_, F> {
     /// Whether some point of the face is the nearest surface on its ray. Tests at most `points`, and more on a face that
     /// is long on the image.
-    pub fn sees(&mut self, corners: [u32; 3], points: usize) -> bool {
+    pub fn sees(&mut self, face: u32, points: usize) -> bool {
         let view = self.caster.view;
+        let corners = &view.project_face(self.caster.mesh, face);
         let Some(triangle) = Triangle::new(view, corners) else { return false };
         self.suspects.clear();
         let mut tested = 0..points;
@@ -97,7 +98,7 @@ impl<F: Fn(u32) -> bool> Confirm<'_, F> {
                 return false;
             }
             let side = x.len().max(y.len());
-            if doubled_area(view, corners) > (THICK * side) as f32 {
+            if doubled_area(view, corners) > (THICK * side) as f64 {
                 tested = INTERIOR..INTERIOR + points;
             } else {
                 let shares = (side.saturating_sub(SHORT_SIDE) / SIDE_PER_SHARE).min(MOST_SHARES);
@@ -111,7 +112,8 @@ impl<F: Fn(u32) -> bool> Confirm<'_, F> {
             match self.occluder(pixel, nearness) {
                 None => return true,
                 Some(face)
-                    if point == first && hides_all(view, self.caster.faces[face as usize], corners) =>
+                    if point == first
+                        && hides_all(view, &view.project_face(self.caster.mesh, face), corners) =>
                 {
                     return false;
                 }
@@ -126,7 +128,8 @@ impl<F: Fn(u32) -> bool> Confirm<'_, F> {
         if face == BACKGROUND || self.suspects.iter().any(|(id, _)| *id == face) {
             return None;
         }
-        let triangle = Triangle::new(self.caster.view, self.caster.faces[face as usize])?;
+        let triangle =
+            Triangle::new(self.caster.view, &self.caster.view.project_face(self.caster.mesh, face))?;
         if self.suspects.len() == MOST_SUSPECTS {
             self.suspects.pop();
         }
@@ -147,7 +150,7 @@ impl<F: Fn(u32) -> bool> Confirm<'_, F> {
             return Some(self.suspects[0].0);
         }
         for (x, y) in surrounding_samples(view, pixel) {
-            let face = frame::face(self.frame.samples[y * view.width + x]);
+            let face = frame::face(self.frame.row(y)[x]);
             if self.suspect(face).is_some_and(hides) {
                 return Some(face);
             }
@@ -160,18 +163,18 @@ impl<F: Fn(u32) -> bool> Confirm<'_, F> {
 
 /// The samples in and around a face's box, clipped to the image; `None` where a corner lies at or behind the eye's
 /// plane.
-pub fn around(view: &Projected, corners: [u32; 3]) -> Option<(Range<usize>, Range<usize>)> {
-    let [a, b, c] = corners.map(|v| view.screen[v as usize]);
+pub fn around(view: &View, corners: &[Vertex; 3]) -> Option<(Range<usize>, Range<usize>)> {
+    let [a, b, c] = corners.each_ref().map(|v| view.screen(v).unwrap_or([f64::NAN; 2]));
     let axis = |i: usize, size: usize| {
         if !(a[i] + b[i] + c[i]).is_finite() {
             return None;
         }
         let low = a[i].min(b[i]).min(c[i]).floor();
         let high = a[i].max(b[i]).max(c[i]).ceil();
-        if high < -0.5 || low > size as f32 - 0.5 {
+        if high < -0.5 || low > size as f64 - 0.5 {
             return Some(0..0);
         }
-        let last = (size - 1) as f32;
+        let last = (size - 1) as f64;
         Some(low.clamp(0.0, last) as usize..high.clamp(0.0, last) as usize + 1)
     };
     Some((axis(0, view.width)?, axis(1, view.height)?))
@@ -184,13 +187,13 @@ fn in_border(range: &Range<usize>, size: usize) -> bool {
 }
 
 /// Twice the area of a face on the image, in samples.
-fn doubled_area(view: &Projected, corners: [u32; 3]) -> f32 {
-    let [a, b, c] = corners.map(|v| view.screen[v as usize]);
+fn doubled_area(view: &View, corners: &[Vertex; 3]) -> f64 {
+    let [a, b, c] = corners.each_ref().map(|v| view.screen(v).unwrap_or([f64::NAN; 2]));
     ((b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1])).abs()
 }
 
 /// The four samples around a position, clamped to the image.
-fn surrounding_samples(view: &Projected, pixel: [f64; 2]) -> [(usize, usize); 4] {
+fn surrounding_samples(view: &View, pixel: [f64; 2]) -> [(usize, usize); 4] {
     let at = |value: f64, size: usize| {
         let low = (value + 0.5 * size as f64 - 0.5).floor().clamp(0.0, (size - 1) as f64) as usize;
         [low, (low + 1).min(size - 1)]
@@ -201,13 +204,12 @@ fn surrounding_samples(view: &Projected, pixel: [f64; 2]) -> [(usize, usize); 4]
 
 /// Whether one face is nearer than all of another: than each of its corners, and so, both being flat, than all
 /// between them.
-fn hides_all(view: &Projected, occluder: [u32; 3], corners: [u32; 3]) -> bool {
+fn hides_all(view: &View, occluder: &[Vertex; 3], corners: &[Vertex; 3]) -> bool {
     let Some(triangle) = Triangle::new(view, occluder) else { return false };
     let Some(nearest) = nearest_corner(view, corners) else { return false };
-    corners.iter().all(|&v| {
-        let h = view.vertices[v as usize];
-        triangle.hit(h.x / h.z, h.y / h.z).is_some_and(|n| n.is_before(nearest, view.projection))
-    })
+    corners
+        .iter()
+        .all(|h| triangle.hit(h.x / h.w, h.y / h.w).is_some_and(|n| n.is_before(nearest, view.projection)))
 }
 
 /// How far the corner and edge points keep from the face's border, as a share of its height.
@@ -243,8 +245,8 @@ fn barycentric(index: usize) -> [f64; 3] {
 }
 
 /// The centred pixel of a point of a face, if it is in front of the camera and inside the image.
-fn project(view: &Projected, corners: [u32; 3], weights: [f64; 3]) -> Option<[f64; 2]> {
-    let [a, b, c] = corners.map(|v| view.vertices[v as usize]);
+fn project(view: &View, corners: &[Vertex; 3], weights: [f64; 3]) -> Option<[f64; 2]> {
+    let [a, b, c] = corners.map(Vertex::vector);
     let h = a * weights[0] + b * weights[1] + c * weights[2];
     if h.z <= 0.0 {
         return None;
@@ -252,4 +254,16 @@ fn project(view: &Projected, corners: [u32; 3], weights: [f64; 3]) -> Option<[f6
     let (x, y) = (h.x / h.z, h.y / h.z);
     let inside = x.abs() <= 0.5 * view.width as f64 && y.abs() <= 0.5 * view.height as f64;
     inside.then_some([x, y])
+}
+
+/// The nearness of a face's nearest corner; `None` if a corner lies at or behind the eye's plane.
+fn nearest_corner(view: &View, corners: &[Vertex; 3]) -> Option<Nearness> {
+    let [p, q, r] = corners.map(|v| v.value);
+    match view.projection {
+        Projection::Perspective => corners.iter().all(|v| v.w > 0.0).then(|| Nearness(p.max(q).max(r))),
+        Projection::Orthographic => {
+            let depth = p.min(q).min(r);
+            (depth > 0.0).then_some(Nearness(depth))
+        }
+    }
 }

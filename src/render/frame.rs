@@ -1,29 +1,81 @@
 //! The image that an engine fills: nearest face and nearness in one word a sample.
 
 use super::BACKGROUND;
-use super::projected::Projected;
 use super::triangle::{Key, key_depth};
+use super::view::View;
+use std::ops::Range;
 
 /// Bits of a sample that hold the face.
 pub const FACE_BITS: u32 = 26;
 
 const FACE_MASK: u64 = (1 << FACE_BITS) - 1;
 
-/// Row-major samples; each is a [`Key`] with the complement of the face in its low bits, so that the larger word is
+/// Side of the squares of samples that are filled, and hidden things looked for, together.
+pub const TILE: usize = 8;
+
+/// Rows of samples; each is a [`Key`] with the complement of the face in its low bits, so that the larger word is
 /// nearer and, where two tie, the one with the lower id; 0 where nothing is seen.
+///
+/// Rows are padded to whole tiles by samples that nothing is nearer than.
 #[derive(Debug, Clone, Default)]
 pub struct Frame {
     pub width: usize,
     pub height: usize,
-    pub samples: Vec<u64>,
+    stride: usize,
+    samples: Vec<u64>,
+}
+
+/// Rows of a frame, drawn by one thread.
+#[derive(Debug)]
+pub struct Band<'a> {
+    /// Which rows of the image; the first is that of a tile.
+    pub rows: Range<usize>,
+    pub width: usize,
+    /// Samples from one row to the next.
+    pub stride: usize,
+    pub samples: &'a mut [u64],
 }
 
 impl Frame {
     /// Clears to nothing seen, at the given size.
     pub fn clear(&mut self, width: usize, height: usize) {
         (self.width, self.height) = (width, height);
+        // An odd number of tiles a row: rows below each other then fall into different sets of the cache.
+        self.stride = (width.div_ceil(TILE) | 1) * TILE;
         self.samples.clear();
-        self.samples.resize(width * height, 0);
+        self.samples.resize(self.stride * height, 0);
+        for row in self.samples.chunks_exact_mut(self.stride) {
+            row[width..].fill(u64::MAX);
+        }
+    }
+
+    /// The samples of a row.
+    #[inline]
+    pub fn row(&self, y: usize) -> &[u64] {
+        &self.samples[y * self.stride..][..self.width]
+    }
+
+    /// The samples, row by row.
+    pub fn rows(&self) -> impl Iterator<Item = &[u64]> {
+        self.samples.chunks_exact(self.stride.max(1)).map(|row| &row[..self.width])
+    }
+
+    /// All rows.
+    pub fn whole(&mut self) -> Band<'_> {
+        Band { rows: 0..self.height, width: self.width, stride: self.stride, samples: &mut self.samples }
+    }
+
+    /// Bands of at most `rows` rows, rounded up to whole tiles.
+    pub fn bands(&mut self, rows: usize) -> Vec<Band<'_>> {
+        let rows = rows.next_multiple_of(TILE);
+        let (width, height, stride) = (self.width, self.height, self.stride);
+        let bands = self.samples.chunks_mut(rows * stride).enumerate();
+        bands
+            .map(|(band, samples)| {
+                let rows = band * rows..((band + 1) * rows).min(height);
+                Band { rows, width, stride, samples }
+            })
+            .collect()
     }
 }
 
@@ -45,6 +97,13 @@ pub fn face(sample: u64) -> u32 {
     if sample == 0 { BACKGROUND } else { (sample & FACE_MASK ^ FACE_MASK) as u32 }
 }
 
+/// The face of a sample, or `nothing`, which must not be less than any face.
+#[inline(always)]
+pub fn face_or(sample: u64, nothing: u32) -> u32 {
+    // Where nothing is seen the complement of no face is the greatest.
+    ((sample & FACE_MASK ^ FACE_MASK) as u32).min(nothing)
+}
+
 /// The nearness of a sample; 0 where nothing is seen.
 #[inline]
 pub fn key(sample: u64) -> Key {
@@ -53,11 +112,11 @@ pub fn key(sample: u64) -> Key {
 
 /// The depth of a sample in the user's units; infinite where nothing is seen.
 #[inline]
-pub fn depth(sample: u64, view: &Projected) -> f32 {
+pub fn depth(sample: u64, view: &View) -> f32 {
     if sample == 0 { f32::INFINITY } else { (key_depth(view.projection, key(sample)) / view.scale) as f32 }
 }
 
-/// The faces of a row of samples, runs of the same face once.
+/// The faces of some samples, runs of the same face once.
 pub fn runs(samples: &[u64]) -> impl Iterator<Item = u32> + '_ {
     let mut last = BACKGROUND;
     samples.iter().filter_map(move |&sample| {

@@ -6,15 +6,19 @@
 //! does; that a face owns no pixel does not prove it hidden (it may fall between the centres), which
 //! is what [`visible`] is about.
 
+pub mod clusters;
 pub mod confirm;
 pub mod frame;
+pub mod lanes;
 pub mod neighbours;
-pub mod projected;
+pub mod pyramid;
 pub mod raster;
 pub mod raycast;
 pub mod scene;
+pub mod seen;
 pub mod shade;
 pub mod triangle;
+pub mod view;
 pub mod visible;
 
 /// Id stored where the ray leaves the scene.

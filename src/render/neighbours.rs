@@ -5,36 +5,37 @@
 //! that faces the eye. [`confirm`](super::confirm) proves what this assumes.
 
 use super::confirm::around;
-use super::projected::Projected;
 use super::triangle::facing;
+use super::view::{Vertex, View};
 use crate::adjacency::Csr;
+use crate::mesh::Mesh;
 
 /// The faces to add to `seen`, those of an id-buffer: up to `rings` rings of neighbours not `known` yet.
 ///
 /// Stops early where a ring adds nothing. O(F) for each ring that adds something.
 pub fn beside(
-    view: &Projected,
-    faces: &[[u32; 3]],
+    view: &View,
+    mesh: &Mesh,
     adjacency: &Csr,
     seen: Vec<u32>,
     rings: usize,
     known: impl Fn(u32) -> bool,
 ) -> Vec<u32> {
-    let in_image = |corners| around(view, corners).is_none_or(|(x, y)| !x.is_empty() && !y.is_empty());
-    let mut taken = vec![false; faces.len()];
+    let in_image =
+        |corners: &[Vertex; 3]| around(view, corners).is_none_or(|(x, y)| !x.is_empty() && !y.is_empty());
+    let mut taken = vec![false; mesh.faces().len()];
     let mut added = Vec::new();
     let mut ring = seen;
     for _ in 0..rings {
         let mut next = Vec::new();
         for &face in &ring {
-            let side = facing(view, faces[face as usize]);
+            let side = facing(&view.project_face(mesh, face));
             for &neighbour in adjacency.list(face as usize) {
-                let corners = faces[neighbour as usize];
-                if !taken[neighbour as usize]
-                    && !known(neighbour)
-                    && facing(view, corners) == side
-                    && in_image(corners)
-                {
+                if !taken[neighbour as usize] && !known(neighbour) {
+                    let corners = view.project_face(mesh, neighbour);
+                    if facing(&corners) != side || !in_image(&corners) {
+                        continue;
+                    }
                     taken[neighbour as usize] = true;
                     next.push(neighbour);
                 }

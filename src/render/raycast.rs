@@ -4,9 +4,9 @@
 //! obvhs works in float32. Boxes are padded by more than its rounding and each ray starts where it enters the
 //! scene, so no face is lost to it; hits are decided in float64.
 
-use super::frame::sample;
-use super::projected::Projected;
+use super::frame::{Band, sample};
 use super::triangle::{Nearness, Triangle};
+use super::view::View;
 use crate::mesh::Mesh;
 use glam::Vec3A;
 use obvhs::BvhBuildParams;
@@ -14,7 +14,6 @@ use obvhs::aabb::Aabb;
 use obvhs::bvh2::{Bvh2, builder::build_bvh2, node::Bvh2Node};
 use obvhs::faststack::{FastStack, HeapStack};
 use obvhs::ray::{Ray, RayHit};
-use std::ops::Range;
 use std::time::Duration;
 
 /// Padding of boxes and ray lengths, in the mesh's units (the mesh spans [-1, 1]).
@@ -56,7 +55,7 @@ impl Hierarchy {
     /// order. `visit` returns the farthest depth that still matters, or `None` to end.
     fn along(
         &self,
-        view: &Projected,
+        view: &View,
         pixel: [f64; 2],
         depths: [f64; 2],
         stack: &mut HeapStack<u32>,
@@ -94,11 +93,11 @@ impl Hierarchy {
 
     /// The nearest face at a centred pixel position among those that `counts` accepts, as a frame's sample.
     pub fn nearest(&self, caster: &mut Caster<'_>, pixel: [f64; 2], counts: impl Fn(u32) -> bool) -> u64 {
-        let Caster { view, faces, stack } = caster;
+        let Caster { view, mesh, stack } = caster;
         let (mut best, mut limit) = (0, f64::INFINITY);
         self.along(view, pixel, [view.near, f64::INFINITY], stack, |face| {
             if counts(face)
-                && let Some(nearness) = hit(view, faces[face as usize], pixel)
+                && let Some(nearness) = hit(view, mesh, face, pixel)
             {
                 let candidate = sample(nearness.key(view.projection), face);
                 if candidate > best {
@@ -120,11 +119,11 @@ impl Hierarchy {
         limit: Nearness,
         counts: impl Fn(u32) -> bool,
     ) -> Option<u32> {
-        let Caster { view, faces, stack } = caster;
+        let Caster { view, mesh, stack } = caster;
         let depth = limit.depth(view.projection);
         let mut found = None;
         self.along(view, pixel, [view.near, depth], stack, |face| {
-            if counts(face) && occludes(view, faces[face as usize], pixel, limit) {
+            if counts(face) && occludes(view, mesh, face, pixel, limit) {
                 found = Some(face);
                 return None;
             }
@@ -135,47 +134,46 @@ impl Hierarchy {
 }
 
 #[inline]
-fn hit(view: &Projected, corners: [u32; 3], pixel: [f64; 2]) -> Option<Nearness> {
-    Triangle::new(view, corners)?.hit(pixel[0], pixel[1])
+fn hit(view: &View, mesh: &Mesh, face: u32, pixel: [f64; 2]) -> Option<Nearness> {
+    Triangle::new(view, &view.project_face(mesh, face))?.hit(pixel[0], pixel[1])
 }
 
 /// Whether a face lies before `limit` at a centred pixel position.
 #[inline]
-fn occludes(view: &Projected, corners: [u32; 3], pixel: [f64; 2], limit: Nearness) -> bool {
-    hit(view, corners, pixel).is_some_and(|nearness| nearness.is_before(limit, view.projection))
+fn occludes(view: &View, mesh: &Mesh, face: u32, pixel: [f64; 2], limit: Nearness) -> bool {
+    hit(view, mesh, face, pixel).is_some_and(|nearness| nearness.is_before(limit, view.projection))
 }
 
 /// What casting rays through one view needs; one for each thread.
 pub struct Caster<'a> {
-    pub view: &'a Projected,
-    pub faces: &'a [[u32; 3]],
+    pub view: &'a View,
+    pub mesh: &'a Mesh,
     stack: HeapStack<u32>,
 }
 
 impl<'a> Caster<'a> {
     /// A caster for the rays of `view`.
-    pub fn new(hierarchy: &Hierarchy, view: &'a Projected, faces: &'a [[u32; 3]]) -> Self {
-        Self { view, faces, stack: HeapStack::new_with_capacity(hierarchy.depth) }
+    pub fn new(hierarchy: &Hierarchy, view: &'a View, mesh: &'a Mesh) -> Self {
+        Self { view, mesh, stack: HeapStack::new_with_capacity(hierarchy.depth) }
     }
 }
 
-/// Casts a ray through each pixel centre of `rows`, as [`raster::draw`](super::raster::draw) fills them.
+/// Casts a ray through each pixel centre of a band, as [`Painter::draw`](super::raster::Painter::draw) fills them.
 pub fn cast(
     hierarchy: &Hierarchy,
-    view: &Projected,
-    faces: &[[u32; 3]],
+    view: &View,
+    mesh: &Mesh,
     counts: impl Fn(u32) -> bool,
-    rows: Range<usize>,
-    samples: &mut [u64],
+    band: &mut Band<'_>,
 ) {
-    assert_eq!(samples.len(), rows.len() * view.width, "the band must hold its rows");
-    let mut caster = Caster::new(hierarchy, view, faces);
+    let mut caster = Caster::new(hierarchy, view, mesh);
+    let rows = band.rows.clone();
     for top in rows.clone().step_by(TILE) {
         for left in (0..view.width).step_by(TILE) {
             for y in top..(top + TILE).min(rows.end) {
                 for x in left..(left + TILE).min(view.width) {
                     let pixel = [view.column(x), view.row(y)];
-                    samples[(y - rows.start) * view.width + x] =
+                    band.samples[(y - rows.start) * band.stride + x] =
                         hierarchy.nearest(&mut caster, pixel, &counts);
                 }
             }

@@ -1,15 +1,16 @@
 //! A mesh ready to be looked at: which faces hide others, and a hierarchy built when first needed.
 
-use super::frame::Frame;
-use super::projected::Projected;
-use super::raster;
+use super::clusters::Clusters;
+use super::frame::{Band, Frame};
+use super::lanes::InstructionSet;
+use super::raster::Painter;
 use super::raycast::{self, Hierarchy};
+use super::view::View;
 use crate::adjacency::{Csr, face_adjacency};
 use crate::camera::Camera;
 use crate::error::Error;
 use crate::mesh::Mesh;
 use rayon::prelude::*;
-use std::ops::Range;
 use std::sync::OnceLock;
 
 /// How an id-buffer is made. Both ways give the same bits.
@@ -27,8 +28,15 @@ pub enum Engine {
 pub struct Scene {
     mesh: Mesh,
     transparent: Option<Vec<bool>>,
+    clusters: OnceLock<Clusters>,
     hierarchy: OnceLock<Hierarchy>,
     adjacency: OnceLock<Csr>,
+}
+
+/// Some faces, as the engine that draws them wants them.
+enum Listed {
+    Clusters(Clusters),
+    Mask(Vec<bool>),
 }
 
 /// Faces a pixel from which on casting rays is cheaper than walking the faces.
@@ -50,7 +58,13 @@ impl Scene {
                 mesh.faces().len()
             )));
         }
-        Ok(Self { mesh, transparent, hierarchy: OnceLock::new(), adjacency: OnceLock::new() })
+        Ok(Self {
+            mesh,
+            transparent,
+            clusters: OnceLock::new(),
+            hierarchy: OnceLock::new(),
+            adjacency: OnceLock::new(),
+        })
     }
 
     pub fn mesh(&self) -> &Mesh {
@@ -66,6 +80,11 @@ impl Scene {
     /// The transparent faces, ascending.
     pub fn transparent_faces(&self) -> impl Iterator<Item = u32> + '_ {
         (0..self.mesh.faces().len() as u32).filter(|&face| !self.is_opaque(face))
+    }
+
+    /// The opaque faces in clusters, gathered at the first call.
+    pub fn clusters(&self) -> &Clusters {
+        self.clusters.get_or_init(|| Clusters::new(&self.mesh, self.opaque_faces()))
     }
 
     /// The hierarchy over all faces, built at the first call.
@@ -100,57 +119,56 @@ impl Scene {
         camera: &Camera,
         only: Option<&[u32]>,
         engine: Engine,
-    ) -> Result<(Projected, Frame), Error> {
+    ) -> Result<(View, Frame), Error> {
         camera.check()?;
         let count = self.mesh.faces().len();
-        let drawn = match only {
-            None => None,
-            Some(ids) => {
+        if let Some(ids) = only
+            && let Some((index, id)) = ids.iter().enumerate().find(|&(_, &id)| id as usize >= count)
+        {
+            return Err(Error::Invalid(format!("faces[{index}] is {id}, the scene has {count} faces")));
+        }
+        let view = View::new(&self.mesh, camera);
+        let listed = only.map(|ids| {
+            if self.rasterises(engine, ids.len(), &view) {
+                Listed::Clusters(Clusters::new(&self.mesh, ids.iter().copied()))
+            } else {
                 let mut mask = vec![false; count];
-                for (index, &id) in ids.iter().enumerate() {
-                    let Some(entry) = mask.get_mut(id as usize) else {
-                        return Err(Error::Invalid(format!(
-                            "faces[{index}] is {id}, the scene has {count} faces"
-                        )));
-                    };
-                    *entry = true;
+                for &id in ids {
+                    mask[id as usize] = true;
                 }
-                Some(mask)
+                Listed::Mask(mask)
             }
-        };
-        let mut view = Projected::default();
-        view.fill(&self.mesh, camera);
+        });
         let mut frame = Frame::default();
         frame.clear(view.width, view.height);
-        let rows = view.height.div_ceil(4 * rayon::current_num_threads()).max(16);
-        frame.samples.par_chunks_mut(rows * view.width).enumerate().for_each(|(band, samples)| {
-            let range = band * rows..((band + 1) * rows).min(view.height);
-            match (only, &drawn) {
-                (Some(ids), Some(mask)) => {
-                    if self.rasterises(engine, ids.len(), &view) {
-                        raster::draw(&view, self.mesh.faces(), ids.iter().copied(), range, samples);
-                    } else {
-                        let counts = |face: u32| mask[face as usize];
-                        raycast::cast(self.hierarchy(), &view, self.mesh.faces(), counts, range, samples);
-                    }
+        let rows = view.height.div_ceil(2 * rayon::current_num_threads()).max(64);
+
+        frame.bands(rows).into_par_iter().for_each(|mut band| {
+            let mut painter = Painter::default();
+            match &listed {
+                Some(Listed::Clusters(clusters)) => {
+                    painter.draw(InstructionSet::best(), &view, clusters, &mut band)
                 }
-                _ => self.draw_rows(&view, engine, range, samples),
+                Some(Listed::Mask(mask)) => {
+                    let counts = |face: u32| mask[face as usize];
+                    raycast::cast(self.hierarchy(), &view, &self.mesh, counts, &mut band);
+                }
+                None => self.draw_band(&view, engine, &mut painter, &mut band),
             }
         });
         Ok((view, frame))
     }
 
-    /// Draws all opaque faces into a band of rows, whose samples must be clear.
-    pub fn draw_rows(&self, view: &Projected, engine: Engine, rows: Range<usize>, samples: &mut [u64]) {
-        let faces = self.mesh.faces();
-        if self.rasterises(engine, faces.len(), view) {
-            raster::draw(view, faces, self.opaque_faces(), rows, samples);
+    /// Draws all opaque faces into a band that is clear.
+    pub fn draw_band(&self, view: &View, engine: Engine, painter: &mut Painter, band: &mut Band<'_>) {
+        if self.rasterises(engine, self.mesh.faces().len(), view) {
+            painter.draw(InstructionSet::best(), view, self.clusters(), band);
         } else {
-            raycast::cast(self.hierarchy(), view, faces, |face| self.is_opaque(face), rows, samples);
+            raycast::cast(self.hierarchy(), view, &self.mesh, |face| self.is_opaque(face), band);
         }
     }
 
-    fn rasterises(&self, engine: Engine, faces: usize, view: &Projected) -> bool {
+    fn rasterises(&self, engine: Engine, faces: usize, view: &View) -> bool {
         match engine {
             Engine::Raster => true,
             Engine::Raycast => false,

@@ -1,8 +1,8 @@
 //! A plain picture of an id-buffer: each face as lit by a lamp at the eye.
 
 use super::BACKGROUND;
-use super::projected::Projected;
 use super::triangle::Triangle;
+use super::view::View;
 use crate::error::Error;
 use crate::mesh::Mesh;
 use rayon::prelude::*;
@@ -33,7 +33,7 @@ const SKY: [u8; 3] = [255, 255, 255];
 /// [`Error::Invalid`] for the first pixel that names a face the mesh does not have, or sizes that do not fit.
 pub fn shade(
     mesh: &Mesh,
-    view: &Projected,
+    view: &View,
     ids: &[u32],
     colors: Colors<'_>,
     picture: &mut [[u8; 3]],
@@ -67,7 +67,7 @@ pub fn shade(
     Ok(())
 }
 
-fn lit(mesh: &Mesh, view: &Projected, face: usize, at: [f64; 2], colors: Colors<'_>) -> [u8; 3] {
+fn lit(mesh: &Mesh, view: &View, face: usize, at: [f64; 2], colors: Colors<'_>) -> [u8; 3] {
     let [a, b, c] = mesh.corners(face);
     let normal = (b - a).cross(c - a).normalize_or_zero();
     let direction = view.ray(at).1.normalize();
@@ -77,7 +77,8 @@ fn lit(mesh: &Mesh, view: &Projected, face: usize, at: [f64; 2], colors: Colors<
         Colors::Faces(colors) => colors[face].map(f64::from),
         Colors::Vertices(colors) => {
             let corners = mesh.faces()[face];
-            let weights = Triangle::new(view, corners).map_or([1.0 / 3.0; 3], |t| t.weights(at[0], at[1]));
+            let projected = view.project_face(mesh, face as u32);
+            let weights = Triangle::new(view, &projected).map_or([1.0 / 3.0; 3], |t| t.weights(at[0], at[1]));
             [0, 1, 2].map(|channel| {
                 (0..3).map(|i| weights[i] * f64::from(colors[corners[i] as usize][channel])).sum()
             })

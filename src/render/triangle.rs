@@ -8,10 +8,9 @@
 //! rounded by itself; only a point within that rounding (some 1e-13 pixels) of one can come out wrong.
 
 use super::frame::FACE_BITS;
-use super::projected::Projected;
+use super::view::{Vertex, View};
 use crate::camera::Projection;
 use glam::{DVec3, dvec3};
-use std::ops::Range;
 
 /// Nearness of a hit as an integer that grows toward the eye and leaves room for a face in its low
 /// [`FACE_BITS`]; 0 is never a hit.
@@ -41,7 +40,7 @@ impl Nearness {
     #[inline(always)]
     pub fn key(self, projection: Projection) -> Key {
         let [subtrahend, flip] = key_terms(projection);
-        let bits = self.0.to_bits().max(KEY_RANGE[0]).min(KEY_RANGE[1]);
+        let bits = self.0.max(KEY_RANGE[0]).min(KEY_RANGE[1]).to_bits();
         ((bits ^ flip).wrapping_sub(subtrahend) >> DROPPED) << FACE_BITS
     }
 
@@ -87,8 +86,8 @@ pub struct Triangle {
 impl Triangle {
     /// Sets up a face; `None` if it is seen edge-on, has no area, or lies behind the eye.
     #[inline(always)]
-    pub fn new(view: &Projected, corners: [u32; 3]) -> Option<Self> {
-        let [a, b, c] = corners.map(|v| view.vertices[v as usize]);
+    pub fn new(view: &View, corners: &[Vertex; 3]) -> Option<Self> {
+        let [a, b, c] = corners.map(Vertex::vector);
         let normal = (b - a).cross(c - a);
         let det = normal.dot(a);
         let reach = a.length_squared().max(b.length_squared()).max(c.length_squared());
@@ -99,35 +98,32 @@ impl Triangle {
         let sign = det.signum();
         let edges = [b.cross(c) * sign, c.cross(a) * sign, a.cross(b) * sign];
         let least = edges.map(|n| if owns_its_points(n) { 0.0 } else { f64::from_bits(1) });
-        let (plane, range, seen) = match view.projection {
+        let [p, q, r] = corners.map(|v| v.value);
+        let mut range = [p.min(q).min(r), p.max(q).max(r)];
+        let plane = match view.projection {
             Projection::Perspective => {
-                let [p, q, r] = corners.map(|v| view.inverses[v as usize]);
-                let range = if a.z.min(b.z).min(c.z) > 0.0 {
-                    [p.min(q).min(r), p.max(q).max(r)]
-                } else if a.z.max(b.z).max(c.z) > 0.0 {
-                    [1.0 / a.z.max(b.z).max(c.z), f64::INFINITY]
-                } else {
+                let farthest = a.z.max(b.z).max(c.z);
+                if farthest <= 0.0 {
                     return None;
-                };
-                (normal * (1.0 / det), range, [f64::MIN_POSITIVE, view.near_inverse])
+                }
+                if a.z.min(b.z).min(c.z) <= 0.0 {
+                    range = [1.0 / farthest, f64::INFINITY];
+                }
+                normal * (1.0 / det)
             }
             Projection::Orthographic => {
-                let z = corners.map(|v| view.depths[v as usize]);
-                let low = z[0].min(z[1]).min(z[2]);
-                let high = z[0].max(z[1]).max(z[2]);
-                let m =
-                    dvec3(b.x - a.x, b.y - a.y, z[1] - z[0]).cross(dvec3(c.x - a.x, c.y - a.y, z[2] - z[0]));
+                let m = dvec3(b.x - a.x, b.y - a.y, q - p).cross(dvec3(c.x - a.x, c.y - a.y, r - p));
                 if m.z == 0.0 {
                     return None;
                 }
                 let (gx, gy) = (-m.x / m.z, -m.y / m.z);
-                (dvec3(gx, gy, z[0] - gx * a.x - gy * a.y), [low, high], [view.near, f64::INFINITY])
+                dvec3(gx, gy, p - gx * a.x - gy * a.y)
             }
         };
-        Some(Self { edges, least, plane, range, seen })
+        Some(Self { edges, least, plane, range, seen: view.seen() })
     }
 
-    /// The edge functions along row `y`, ready for [`covers`](Self::covers) and [`span`](Self::span).
+    /// The edge functions along row `y`, ready for [`covers`](Row::covers).
     #[inline(always)]
     pub fn along_row(&self, y: f64) -> Row<'_> {
         let constant = [0, 1, 2].map(|i| self.edges[i].y * y + self.edges[i].z);
@@ -176,49 +172,6 @@ impl Row<'_> {
         self.edge_covers(0, x) & self.edge_covers(1, x) & self.edge_covers(2, x)
     }
 
-    /// The ones among `columns` that the face covers, where column `c` lies at `c as f64 + offset`.
-    ///
-    /// Rounding keeps the edge functions monotonic along a row, so the covered columns are one run; its ends are
-    /// estimated by a division and then settled by [`covers`](Self::covers)' own arithmetic.
-    #[inline(always)]
-    pub fn span(&self, columns: Range<usize>, offset: f64) -> Range<usize> {
-        let first = columns.start;
-        let (mut low, mut high) = (columns.start, columns.end);
-        for edge in 0..3 {
-            let slope = self.triangle.edges[edge].x;
-            if low >= high {
-                return first..first;
-            }
-            if slope == 0.0 {
-                if !self.edge_covers(edge, 0.0) {
-                    return first..first;
-                }
-                continue;
-            }
-            let inside = |column: usize| self.edge_covers(edge, column as f64 + offset);
-            let root = (-self.constant[edge] / slope - offset).ceil();
-            let mut guess = if root > low as f64 { (root as usize).min(high) } else { low };
-            if slope > 0.0 {
-                while guess > low && inside(guess - 1) {
-                    guess -= 1;
-                }
-                while guess < high && !inside(guess) {
-                    guess += 1;
-                }
-                low = guess;
-            } else {
-                while guess < high && inside(guess) {
-                    guess += 1;
-                }
-                while guess > low && !inside(guess - 1) {
-                    guess -= 1;
-                }
-                high = guess;
-            }
-        }
-        low..high.max(low)
-    }
-
     /// The nearness at position `x`, which the face must cover; `None` where nearer than the near plane.
     #[inline(always)]
     pub fn nearness(&self, x: f64) -> Option<Nearness> {
@@ -229,39 +182,24 @@ impl Row<'_> {
 }
 
 /// Which side a face turns to the camera: 1 if its corners run clockwise on the image, -1 if not, 0 if edge-on.
-pub fn facing(view: &Projected, corners: [u32; 3]) -> i8 {
-    let [a, b, c] = corners.map(|v| view.vertices[v as usize]);
+pub fn facing(corners: &[Vertex; 3]) -> i8 {
+    let [a, b, c] = corners.map(Vertex::vector);
     let det = (b - a).cross(c - a).dot(a);
     i8::from(det > 0.0) - i8::from(det < 0.0)
 }
 
-/// The nearness of a face's nearest corner; `None` if a corner lies at or behind the eye's plane.
-pub fn nearest_corner(view: &Projected, corners: [u32; 3]) -> Option<Nearness> {
-    match view.projection {
-        Projection::Perspective => {
-            let [a, b, c] = corners.map(|v| view.vertices[v as usize].z);
-            let [p, q, r] = corners.map(|v| view.inverses[v as usize]);
-            (a.min(b).min(c) > 0.0).then(|| Nearness(p.max(q).max(r)))
-        }
-        Projection::Orthographic => {
-            let [a, b, c] = corners.map(|v| view.depths[v as usize]);
-            let depth = a.min(b).min(c);
-            (depth > 0.0).then_some(Nearness(depth))
-        }
-    }
-}
-
 /// How the bits of a value become a key's: exclusive or with the second, less the first.
 #[inline(always)]
-pub(super) fn key_terms(projection: Projection) -> [u64; 2] {
+pub(super) const fn key_terms(projection: Projection) -> [u64; 2] {
     match projection {
         Projection::Perspective => [LEAST, 0],
         Projection::Orthographic => [!GREATEST, !0],
     }
 }
 
-/// The range that a value's bits are brought into before they become a key's.
-pub(super) const KEY_RANGE: [u64; 2] = [LEAST + (1 << DROPPED), GREATEST - (1 << DROPPED)];
+/// The range that a value is brought into before its bits become a key's.
+pub(super) const KEY_RANGE: [f64; 2] =
+    [f64::from_bits(LEAST + (1 << DROPPED)), f64::from_bits(GREATEST - (1 << DROPPED))];
 
 /// The depth, in the mesh's units, that a key stands for: the middle of those that it may.
 #[inline]

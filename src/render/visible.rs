@@ -3,9 +3,11 @@
 use super::confirm::{Confirm, Farthest};
 use super::frame::{self, Frame};
 use super::neighbours;
-use super::projected::Projected;
+use super::raster::Painter;
 use super::raycast::Caster;
 use super::scene::{Engine, Scene};
+use super::seen::Seen;
+use super::view::View;
 use crate::camera::Camera;
 use crate::control::Control;
 use crate::error::Error;
@@ -50,8 +52,9 @@ pub struct Rays {
 /// What one thread keeps between views.
 #[derive(Default)]
 struct Scratch {
-    view: Projected,
     frame: Frame,
+    painter: Painter,
+    seen: Seen,
     farthest: Farthest,
 }
 
@@ -84,7 +87,7 @@ pub fn visible_rows(
     }
     // What the threads share is made before they start.
     match fill {
-        Fill::Bare => {}
+        Fill::Bare => drop(scene.clusters()),
         Fill::Neighbours { .. } => drop(scene.adjacency()?),
         Fill::Rays(Rays { supersampling: 0, .. }) => {
             return Err(Error::Invalid("supersampling must be at least 1, got 0".into()));
@@ -110,25 +113,21 @@ fn look(
     row: &mut [u64],
     scratch: &mut Scratch,
 ) -> Result<(), Error> {
-    let Scratch { view, frame, farthest } = scratch;
-    let faces = scene.mesh().faces();
-    match fill {
-        Fill::Rays(rays) => view.fill(scene.mesh(), &camera.supersampled(rays.supersampling)),
-        Fill::Bare | Fill::Neighbours { .. } => view.fill(scene.mesh(), camera),
-    }
+    let Scratch { frame, painter, seen, farthest } = scratch;
+    let view = &match fill {
+        Fill::Rays(rays) => View::new(scene.mesh(), &camera.supersampled(rays.supersampling)),
+        Fill::Bare | Fill::Neighbours { .. } => View::new(scene.mesh(), camera),
+    };
     frame.clear(view.width, view.height);
-    scene.draw_rows(view, engine, 0..view.height, &mut frame.samples);
-    let mut seen = Vec::new();
-    for face in frame::runs(&frame.samples) {
-        if !is_set(row, face) || matches!(fill, Fill::Neighbours { .. }) {
-            set(row, face);
-            seen.push(face);
-        }
-    }
+    scene.draw_band(view, engine, painter, &mut frame.whole());
+    seen.collect(frame, scene.mesh().faces().len(), row);
     match fill {
         Fill::Bare => {}
         Fill::Neighbours { rings } => {
-            let added = neighbours::beside(view, faces, scene.adjacency()?, seen, rings, |face| {
+            let mut shown: Vec<u32> = frame.rows().flat_map(frame::runs).collect();
+            shown.sort_unstable();
+            shown.dedup();
+            let added = neighbours::beside(view, scene.mesh(), scene.adjacency()?, shown, rings, |face| {
                 is_set(row, face) || !scene.is_opaque(face)
             });
             for face in added {
@@ -142,12 +141,11 @@ fn look(
                 frame,
                 farthest,
                 hides: |face| scene.is_opaque(face),
-                caster: Caster::new(scene.hierarchy(), view, faces),
+                caster: Caster::new(scene.hierarchy(), view, scene.mesh()),
                 suspects: Vec::new(),
             };
-            for (face, &corners) in faces.iter().enumerate() {
-                let face = face as u32;
-                if !is_set(row, face) && scene.is_opaque(face) && confirm.sees(corners, rays.points) {
+            for face in 0..scene.mesh().faces().len() as u32 {
+                if !is_set(row, face) && scene.is_opaque(face) && confirm.sees(face, rays.points) {
                     set(row, face);
                 }
             }

@@ -9,9 +9,9 @@ use crate::control::Control;
 use crate::error::Error;
 use crate::render::BACKGROUND;
 use crate::render::frame::{self, Frame};
-use crate::render::projected::Projected;
-use crate::render::raster;
-use crate::render::scene::Scene;
+use crate::render::raster::Painter;
+use crate::render::scene::{Engine, Scene};
+use crate::render::view::View;
 use rayon::prelude::*;
 
 /// What a probe found out.
@@ -89,9 +89,9 @@ pub fn probe(
     seen.par_chunks_mut(rows.width)
         .zip(cameras.par_iter().zip(row_of))
         .map_init(
-            || (Projected::default(), Frame::default()),
-            |(view, frame), (seen, (camera, &row))| {
-                draw(scene, camera, view, frame);
+            || (Painter::default(), Frame::default()),
+            |(painter, frame), (seen, (camera, &row))| {
+                draw(scene, camera, painter, frame);
                 let known = &rows.words[row as usize * rows.width..][..rows.width];
                 let score = look(frame, rows, known, seen);
                 control.step(1)?;
@@ -102,17 +102,17 @@ pub fn probe(
 }
 
 /// The bare id-buffer of a view.
-fn draw(scene: &Scene, camera: &Camera, view: &mut Projected, frame: &mut Frame) {
-    view.fill(scene.mesh(), camera);
+fn draw(scene: &Scene, camera: &Camera, painter: &mut Painter, frame: &mut Frame) {
+    let view = View::new(scene.mesh(), camera);
     frame.clear(view.width, view.height);
-    raster::draw(view, scene.mesh().faces(), scene.opaque_faces(), 0..view.height, &mut frame.samples);
+    scene.draw_band(&view, Engine::Auto, painter, &mut frame.whole());
 }
 
 /// Counts covered and missed pixels, and sets the bits of what is seen.
 fn look(frame: &Frame, rows: Rows<'_>, known: &[u64], seen: &mut [u64]) -> Score {
     let mut score = Score::default();
     let (mut last, mut missing) = (BACKGROUND, 0);
-    for &sample in frame.samples.iter().filter(|&&sample| sample != 0) {
+    for &sample in frame.rows().flatten().filter(|&&sample| sample != 0) {
         // Neighbouring pixels mostly show the same face.
         let face = frame::face(sample);
         if face != last {

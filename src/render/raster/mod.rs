@@ -1,72 +1,145 @@
-//! The rasteriser: walks the faces, and in each face's box the pixels.
+//! The rasteriser: walks the clusters of faces that may show, and in each face's box the pixels.
 
-#[cfg(target_arch = "x86_64")]
-mod avx512;
+mod cluster;
+mod large;
+mod small;
+pub mod walk;
 
-use super::frame::sample;
-use super::projected::{Projected, screen_error};
+use super::clusters::Clusters;
+use super::frame::{Band, sample};
+use super::lanes::{InstructionSet, Kernel, Lanes};
+use super::pyramid::{PixelBox, Pyramid};
 use super::triangle::Triangle;
+use super::view::{Vertex, View, screen_error};
 use crate::camera::Projection;
+use cluster::Projected;
+use small::Hits;
 use std::ops::Range;
+use walk::{Stop, Visitor, walk};
 
-/// The pixels whose centres a face's projection may cover.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct PixelBox {
-    pub x: Range<usize>,
-    pub y: Range<usize>,
+/// What a thread keeps from one image to the next.
+#[derive(Default)]
+pub struct Painter {
+    pyramid: Pyramid,
+    projected: Box<Projected>,
+    hits: Box<Hits>,
+    stack: Vec<Stop>,
 }
 
-/// The pixels that a face may cover; `None` if there are none. Never too small.
-#[inline(always)]
-pub fn pixel_box(view: &Projected, corners: [u32; 3]) -> Option<PixelBox> {
-    let [a, b, c] = corners.map(|v| view.screen[v as usize]);
-    let axis = |i: usize, size: usize| {
-        let (a, b, c) = (a[i], b[i], c[i]);
-        // A NaN corner makes every comparison of the sum false.
-        let sum = a + b + c;
-        let (low, high) = if sum.is_finite() {
-            (a.min(b).min(c), a.max(b).max(c))
-        } else {
-            return None;
-        };
-        Some(indices_between(low - screen_error(low), high + screen_error(high), size))
+impl Painter {
+    /// Draws the faces of `clusters` into a band of a frame that is clear; each sample keeps the
+    /// nearest.
+    ///
+    /// The result depends neither on the order of the faces nor on the machine: all instruction sets give the same
+    /// bits.
+    pub fn draw(&mut self, set: InstructionSet, view: &View, clusters: &Clusters, band: &mut Band<'_>) {
+        match view.projection {
+            Projection::Perspective => {
+                set.run(Draw::<true> { painter: self, view, clusters, band });
+            }
+            Projection::Orthographic => {
+                set.run(Draw::<false> { painter: self, view, clusters, band });
+            }
+        }
+    }
+}
+
+/// [`Painter::draw`] as a kernel.
+struct Draw<'a, 'b, const PERSPECTIVE: bool> {
+    painter: &'a mut Painter,
+    view: &'a View,
+    clusters: &'a Clusters,
+    band: &'a mut Band<'b>,
+}
+
+impl<const PERSPECTIVE: bool> Kernel for Draw<'_, '_, PERSPECTIVE> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self) {
+        let Self { painter, view, clusters, band } = self;
+        let Painter { pyramid, projected, hits, stack } = painter;
+        pyramid.clear(band);
+        let rows = band.rows.clone();
+        let mut drawing = Drawing::<PERSPECTIVE> { view, clusters, band, pyramid, projected, hits };
+        walk::<L>(view, clusters, &rows, stack, &mut drawing);
+    }
+}
+
+/// What the walk draws on.
+struct Drawing<'a, 'b, const PERSPECTIVE: bool> {
+    view: &'a View,
+    clusters: &'a Clusters,
+    band: &'a mut Band<'b>,
+    pyramid: &'a mut Pyramid,
+    projected: &'a mut Projected,
+    hits: &'a mut Hits,
+}
+
+impl<L: Lanes, const PERSPECTIVE: bool> Visitor<L> for Drawing<'_, '_, PERSPECTIVE> {
+    #[inline(always)]
+    fn skips(&mut self, stop: &Stop) -> bool {
+        !stop.straddles && self.pyramid.all_greater(self.band, &stop.area, stop.nearest)
+    }
+
+    #[inline(always)]
+    fn visit(&mut self, cluster: u32, stop: &Stop) {
+        let Self { view, band, pyramid, projected, hits, .. } = self;
+        let cluster = self.clusters.cluster(cluster);
+        projected.project::<L, PERSPECTIVE>(view, &cluster);
+        projected.sort::<L>(&cluster, &stop.area);
+        small::draw::<L, PERSPECTIVE>(view, projected, band, hits);
+        for entry in 0..projected.large.count {
+            let list = &projected.large;
+            if let Some(triangle) = Triangle::new(view, &projected.corners(list.corners[entry])) {
+                let area = list.area(entry);
+                large::draw::<L, PERSPECTIVE>(view, &triangle, list.ids[entry], &area, band, pyramid);
+            }
+        }
+        for entry in 0..projected.straddling.count {
+            let list = &projected.straddling;
+            let corners = projected.corners(list.corners[entry]);
+            if let Some(area) = pixel_box(view, &corners, &band.rows)
+                && let Some(triangle) = Triangle::new(view, &corners)
+            {
+                large::draw::<L, PERSPECTIVE>(view, &triangle, list.ids[entry], &area, band, pyramid);
+            }
+        }
+        pyramid.touch(&stop.area);
+    }
+}
+
+/// The pixels of `rows` that a face may cover; `None` if there are none. Never too small.
+pub fn pixel_box(view: &View, corners: &[Vertex; 3], rows: &Range<usize>) -> Option<PixelBox> {
+    let (low, high) = bounds(view, corners)?;
+    let axis = |axis: usize, allowed: Range<usize>| {
+        let (low, high) = (low[axis], high[axis]);
+        let first = (low - screen_error(low)).ceil().max(allowed.start as f64);
+        let last = (high + screen_error(high)).floor().min(allowed.end as f64 - 1.0);
+        (first <= last).then(|| first as usize..last as usize + 1)
     };
-    let (x, y) = match (axis(0, view.width), axis(1, view.height)) {
-        (Some(x), Some(y)) => (x, y),
-        _ => straddling_box(view, corners)?,
-    };
-    if x.is_empty() || y.is_empty() { None } else { Some(PixelBox { x, y }) }
+    Some(PixelBox { x: axis(0, 0..view.width)?, y: axis(1, rows.clone())? })
 }
 
-/// The indices below `size` that lie within `low..=high`.
-#[inline(always)]
-fn indices_between(low: f32, high: f32, size: usize) -> Range<usize> {
-    let first = low.ceil().max(0.0);
-    let end = (high.floor() + 1.0).min(size as f32);
-    if first < end { first as usize..end as usize } else { 0..0 }
-}
-
-/// The box of a face with a corner at or behind the eye's plane (or projected beyond float32).
+/// The least and greatest column and row of a face's projection, counted in pixel centres.
 ///
-/// Toward the plane an edge's projection runs off to infinity in the direction of its crossing point.
-#[cold]
-fn straddling_box(view: &Projected, corners: [u32; 3]) -> Option<(Range<usize>, Range<usize>)> {
-    let corners = corners.map(|v| view.vertices[v as usize]);
-    if view.projection == Projection::Perspective && corners.iter().all(|h| h.z <= view.near) {
+/// Toward the eye's plane an edge's projection runs off to infinity in the direction of its crossing point.
+fn bounds(view: &View, corners: &[Vertex; 3]) -> Option<([f64; 2], [f64; 2])> {
+    if view.projection == Projection::Perspective && corners.iter().all(|h| h.w <= view.near) {
         return None;
     }
     let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
     for i in 0..3 {
-        let (p, q) = (corners[i], corners[(i + 1) % 3]);
-        if p.z > 0.0 {
+        let (p, q) = (&corners[i], &corners[(i + 1) % 3]);
+        if let Some(at) = view.screen(p) {
             for axis in 0..2 {
-                low[axis] = low[axis].min(p[axis] / p.z);
-                high[axis] = high[axis].max(p[axis] / p.z);
+                low[axis] = low[axis].min(at[axis]);
+                high[axis] = high[axis].max(at[axis]);
             }
         }
-        if (p.z > 0.0) != (q.z > 0.0) {
-            let crossing = p * -q.z + q * p.z;
-            let toward_front = if p.z > 0.0 { 1.0 } else { -1.0 };
+        if (p.w > 0.0) != (q.w > 0.0) {
+            let crossing = p.vector() * -q.w + q.vector() * p.w;
+            let toward_front = if p.w > 0.0 { 1.0 } else { -1.0 };
             for axis in 0..2 {
                 let direction = crossing[axis] * toward_front;
                 // A direction of zero may be a rounded one: it bounds nothing.
@@ -79,78 +152,30 @@ fn straddling_box(view: &Projected, corners: [u32; 3]) -> Option<(Range<usize>, 
             }
         }
     }
-    let range = |axis: usize, size: usize| {
-        let half = 0.5 * size as f64 - 0.5;
-        let (low, high) = ((low[axis] + half) as f32, (high[axis] + half) as f32);
-        indices_between(low - screen_error(low), high + screen_error(high), size)
-    };
-    Some((range(0, view.width), range(1, view.height)))
-}
-
-/// Draws faces into `rows` of an image (a band of a [`Frame`](super::frame::Frame)); each sample keeps the
-/// nearest.
-///
-/// `samples` holds rows `rows` of the image, row-major, [`Projected::width`] a row. The result does not depend
-/// on the order of the faces, nor on the machine: all instruction sets give the same bits. O(faces + pixels of
-/// their boxes).
-pub fn draw(
-    view: &Projected,
-    faces: &[[u32; 3]],
-    ids: impl Iterator<Item = u32>,
-    rows: Range<usize>,
-    samples: &mut [u64],
-) {
-    #[cfg(target_arch = "x86_64")]
-    if std::arch::is_x86_feature_detected!("avx512f") && std::arch::is_x86_feature_detected!("avx512vl") {
-        // SAFETY: the processor has the features that the function is compiled for.
-        return unsafe { avx512::draw(view, faces, ids, rows, samples) };
-    }
-    draw_with(view, faces, ids, rows, samples, fill_box);
-}
-
-/// Where a face's samples go: some rows of a band, some columns of each.
-struct Target<'a> {
-    view: &'a Projected,
-    /// The band's samples from the first of `rows` on.
-    samples: &'a mut [u64],
-    rows: Range<usize>,
-    columns: Range<usize>,
-}
-
-/// The walk over faces; `fill` puts a face's samples among a target.
-#[inline(always)]
-fn draw_with(
-    view: &Projected,
-    faces: &[[u32; 3]],
-    ids: impl Iterator<Item = u32>,
-    rows: Range<usize>,
-    samples: &mut [u64],
-    fill: impl Fn(Target<'_>, &Triangle, u32),
-) {
-    assert_eq!(samples.len(), rows.len() * view.width, "the band must hold its rows");
-    for id in ids {
-        let corners = faces[id as usize];
-        let Some(PixelBox { x, y }) = pixel_box(view, corners) else { continue };
-        let (top, bottom) = (y.start.max(rows.start), y.end.min(rows.end));
-        if top >= bottom {
-            continue;
+    // A coordinate beyond float64 leaves NaN, which bounds nothing.
+    for axis in 0..2 {
+        if low[axis].is_nan() || high[axis].is_nan() {
+            (low[axis], high[axis]) = (f64::NEG_INFINITY, f64::INFINITY);
         }
-        let Some(triangle) = Triangle::new(view, corners) else { continue };
-        let samples = &mut samples[(top - rows.start) * view.width..(bottom - rows.start) * view.width];
-        fill(Target { view, samples, rows: top..bottom, columns: x }, &triangle, id);
     }
+    Some((low, high))
 }
 
-/// Row by row and pixel by pixel: the reference for the other ways.
-fn fill_box(target: Target<'_>, triangle: &Triangle, id: u32) {
-    let Target { view, samples, rows, columns } = target;
-    let offset = view.column(0);
-    for (y, line) in rows.zip(samples.chunks_exact_mut(view.width)) {
-        let row = triangle.along_row(view.row(y));
-        let run = row.span(columns.clone(), offset);
-        for (column, old) in run.clone().zip(&mut line[run]) {
-            if let Some(nearness) = row.nearness(column as f64 + offset) {
-                *old = (*old).max(sample(nearness.key(view.projection), id));
+/// Face by face, row by row and pixel by pixel: the reference for the other ways.
+pub fn draw_plainly(view: &View, faces: impl Iterator<Item = (u32, [Vertex; 3])>, band: &mut Band<'_>) {
+    for (id, corners) in faces {
+        let Some(PixelBox { x, y }) = pixel_box(view, &corners, &band.rows) else { continue };
+        let Some(triangle) = Triangle::new(view, &corners) else { continue };
+        for y in y {
+            let row = triangle.along_row(view.row(y));
+            let line = &mut band.samples[(y - band.rows.start) * band.stride..][..band.width];
+            for x in x.clone() {
+                let at = view.column(x);
+                if row.covers(at)
+                    && let Some(nearness) = row.nearness(at)
+                {
+                    line[x] = line[x].max(sample(nearness.key(view.projection), id));
+                }
             }
         }
     }
@@ -161,6 +186,7 @@ mod tests {
     use super::*;
     use crate::camera::Camera;
     use crate::mesh::Mesh;
+    use crate::render::frame::Frame;
     use crate::render::raycast;
     use crate::render::scene::Scene;
     use glam::{DMat3, DVec3};
@@ -192,6 +218,26 @@ mod tests {
         }
     }
 
+    /// Adds a ball of 32 x 16 squares of two faces.
+    fn ball(centre: DVec3, radius: f64, vertices: &mut Vec<[f64; 3]>, faces: &mut Vec<[u32; 3]>) {
+        let first = vertices.len() as u32;
+        for row in 0..=16 {
+            let (down, out) = (row as f64 / 16.0 * std::f64::consts::PI).sin_cos();
+            for column in 0..32 {
+                let (sin, cos) = (column as f64 / 32.0 * std::f64::consts::TAU).sin_cos();
+                vertices.push((centre + radius * DVec3::new(down * cos, out, down * sin)).to_array());
+            }
+        }
+        for row in 0..16 {
+            for column in 0..32 {
+                let at = |row: u32, column: u32| first + 32 * row + column % 32;
+                let [a, b] = [at(row, column), at(row, column + 1)];
+                let [c, d] = [at(row + 1, column), at(row + 1, column + 1)];
+                faces.extend([[a, b, c], [b, d, c]]);
+            }
+        }
+    }
+
     /// Vertices on a coarse grid, so that shared corners, edge-on faces, coincident faces and pixel centres on edges
     /// are common.
     fn soup() -> impl Strategy<Value = Mesh> {
@@ -204,10 +250,23 @@ mod tests {
         })
     }
 
-    fn drawn(view: &Projected, draw: impl FnOnce(&mut [u64])) -> Vec<u64> {
-        let mut samples = vec![0; view.width * view.height];
-        draw(&mut samples);
-        samples
+    /// The samples of a frame of which `draw` draws the bands.
+    fn drawn(view: &View, rows: usize, draw: impl Fn(&mut Band<'_>)) -> Vec<u64> {
+        let mut frame = Frame::default();
+        frame.clear(view.width, view.height);
+        frame.bands(rows).iter_mut().for_each(draw);
+        frame.rows().flatten().copied().collect()
+    }
+
+    /// The first sample that differs: its place and both words.
+    fn difference(a: &[u64], b: &[u64]) -> Option<(usize, u64, u64)> {
+        let at = (0..a.len()).find(|&at| a[at] != b[at])?;
+        Some((at, a[at], b[at]))
+    }
+
+    fn plainly(mesh: &Mesh, view: &View) -> Vec<u64> {
+        let faces = || (0..mesh.faces().len() as u32).map(|face| (face, view.project_face(mesh, face)));
+        drawn(view, view.height, |band| draw_plainly(view, faces(), band))
     }
 
     proptest! {
@@ -216,29 +275,46 @@ mod tests {
             mesh in soup(),
             distance in prop_oneof![Just(3.0), Just(0.25), Just(0.0), -1.0..4.0],
             near in prop_oneof![Just(0.0), 0.0..1.0],
-            width in 1_usize..40,
-            height in 1_usize..30,
+            width in 1_usize..80,
+            height in 1_usize..50,
             projection in prop_oneof![Just(Projection::Perspective), Just(Projection::Orthographic)],
-            split in 0_usize..30,
+            rows in 1_usize..30,
         ) {
-            let camera = camera(distance, width, height, near, projection);
-            let mut view = Projected::default();
-            view.fill(&mesh, &camera);
-            let faces = mesh.faces();
-            let ids = || 0..faces.len() as u32;
-            let plain = drawn(&view, |s| draw_with(&view, faces, ids(), 0..height, s, fill_box));
-            let fast = drawn(&view, |s| draw(&view, faces, ids(), 0..height, s));
-            prop_assert_eq!(&plain, &fast);
-            let bands = drawn(&view, |s| {
-                let split = split.min(height);
-                let (top, bottom) = s.split_at_mut(split * width);
-                draw(&view, faces, ids().rev(), 0..split, top);
-                draw(&view, faces, ids(), split..height, bottom);
-            });
-            prop_assert_eq!(&plain, &bands);
+            let view = View::new(&mesh, &camera(distance, width, height, near, projection));
+            let plain = plainly(&mesh, &view);
             let scene = Scene::new(mesh.clone(), None).unwrap();
-            let cast = drawn(&view, |s| raycast::cast(scene.hierarchy(), &view, faces, |_| true, 0..height, s));
-            prop_assert_eq!(&plain, &cast);
+            for set in InstructionSet::available() {
+                for rows in [rows, height] {
+                    let fast = drawn(&view, rows, |band| Painter::default().draw(set, &view, scene.clusters(), band));
+                    prop_assert_eq!(difference(&plain, &fast), None, "{:?}, bands of {}", set, rows);
+                }
+            }
+            let cast = drawn(&view, rows, |band| {
+                raycast::cast(scene.hierarchy(), &view, &mesh, |_| true, band);
+            });
+            prop_assert_eq!(difference(&plain, &cast), None);
+        }
+
+        /// Balls of many small faces, some before others: clusters that hide clusters.
+        #[test]
+        fn what_is_set_aside_was_hidden(
+            balls in prop::collection::vec((prop::array::uniform3(-1.0_f64..1.0), 0.1_f64..0.8), 2..6),
+            distance in prop_oneof![Just(0.0), -1.0..4.0],
+            projection in prop_oneof![Just(Projection::Perspective), Just(Projection::Orthographic)],
+            width in 100_usize..300,
+        ) {
+            let (mut vertices, mut faces) = (Vec::new(), Vec::new());
+            for (centre, radius) in balls {
+                ball(DVec3::from(centre), radius, &mut vertices, &mut faces);
+            }
+            let mesh = Mesh::new(&vertices, faces).unwrap();
+            let view = View::new(&mesh, &camera(distance, width, 150, 0.0, projection));
+            let plain = plainly(&mesh, &view);
+            let clusters = Clusters::new(&mesh, 0..mesh.faces().len() as u32);
+            for set in InstructionSet::available() {
+                let fast = drawn(&view, 64, |band| Painter::default().draw(set, &view, &clusters, band));
+                prop_assert_eq!(difference(&plain, &fast), None, "{:?}", set);
+            }
         }
 
         #[test]
@@ -260,11 +336,13 @@ mod tests {
                 faces.extend([[a, b, new], [b, c, new], [c, a, new]]);
             }
             let mesh = Mesh::new(&vertices, faces).unwrap();
-            let mut view = Projected::default();
-            view.fill(&mesh, &camera(1.0, width, height, 0.0, Projection::Perspective));
+            let view = View::new(&mesh, &camera(1.0, width, height, 0.0, Projection::Perspective));
             let mut times = vec![0; width * height];
             for face in 0..mesh.faces().len() as u32 {
-                let alone = drawn(&view, |s| draw(&view, mesh.faces(), std::iter::once(face), 0..height, s));
+                let clusters = Clusters::new(&mesh, std::iter::once(face));
+                let alone = drawn(&view, height, |band| {
+                    Painter::default().draw(InstructionSet::best(), &view, &clusters, band);
+                });
                 for (times, sample) in times.iter_mut().zip(alone) {
                     *times += usize::from(sample != 0);
                 }

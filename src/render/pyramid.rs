@@ -1,0 +1,149 @@
+//! The farthest sample of squares of an image, in three sizes: what lies wholly behind it is hidden.
+//!
+//! Entries are bounds: drawing only brings samples nearer, so an entry that was once right stays one from below. It is
+//! brought up to date when it would decide and something was drawn there since (a hierarchical depth buffer, as of
+//! Greene, Kass and Miller, "Hierarchical Z-buffer visibility", 1993, filled on demand).
+
+use super::frame::{Band, TILE};
+use std::ops::Range;
+
+/// Each level's squares are so many of the level below wide.
+const FACTOR: usize = 4;
+
+const LEVELS: usize = 3;
+
+/// What is asked about lies within so many squares of a level each way; else the next level answers.
+const SPAN: usize = 4;
+
+/// Columns and rows of an image.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct PixelBox {
+    pub x: Range<usize>,
+    pub y: Range<usize>,
+}
+
+/// Bounds of a band.
+#[derive(Debug, Default)]
+pub struct Pyramid {
+    levels: [Level; LEVELS],
+    /// The band's first row.
+    top: usize,
+}
+
+#[derive(Debug, Default)]
+struct Level {
+    columns: usize,
+    rows: usize,
+    farthest: Vec<u64>,
+    stale: Vec<bool>,
+}
+
+/// Side of a level's squares.
+const fn side(level: usize) -> usize {
+    TILE * FACTOR.pow(level as u32)
+}
+
+impl Pyramid {
+    /// Bounds of a band in which nothing is drawn yet.
+    pub fn clear(&mut self, band: &Band<'_>) {
+        self.top = band.rows.start;
+        for (index, level) in self.levels.iter_mut().enumerate() {
+            level.columns = band.stride.div_ceil(side(index));
+            level.rows = band.rows.len().div_ceil(side(index));
+            level.farthest.clear();
+            level.farthest.resize(level.columns * level.rows, 0);
+            level.stale.clear();
+            level.stale.resize(level.columns * level.rows, false);
+        }
+    }
+
+    /// Says that something was drawn within a box.
+    pub fn touch(&mut self, area: &PixelBox) {
+        if area.x.is_empty() || area.y.is_empty() {
+            return;
+        }
+        for (index, level) in self.levels.iter_mut().enumerate() {
+            let (columns, rows) = squares(area, self.top, side(index));
+            for row in rows {
+                level.stale[row * level.columns..][columns.clone()].fill(true);
+            }
+        }
+    }
+
+    /// Bounds of the tiles from a pixel's on, to the end of their row.
+    #[inline(always)]
+    pub fn tiles_from(&mut self, x: usize, y: usize) -> &mut [u64] {
+        let level = &mut self.levels[0];
+        let row = (y - self.top) / TILE;
+        &mut level.farthest[row * level.columns..(row + 1) * level.columns][x / TILE..]
+    }
+
+    /// Whether every sample of a box that is not empty is greater than `word`.
+    pub fn all_greater(&mut self, band: &Band<'_>, area: &PixelBox, word: u64) -> bool {
+        let mut index = 0;
+        let (columns, rows) = loop {
+            let (columns, rows) = squares(area, self.top, side(index));
+            if index + 1 == LEVELS || (columns.len() <= SPAN && rows.len() <= SPAN) {
+                break (columns, rows);
+            }
+            index += 1;
+        };
+        rows.into_iter().all(|row| columns.clone().all(|column| self.reaches(band, index, column, row, word)))
+    }
+
+    /// Whether every sample of a square is greater than `word`.
+    fn reaches(&mut self, band: &Band<'_>, index: usize, column: usize, row: usize, word: u64) -> bool {
+        let level = &self.levels[index];
+        let at = row * level.columns + column;
+        level.farthest[at] > word || (level.stale[at] && self.refresh(band, index, column, row) > word)
+    }
+
+    /// Brings an entry up to date.
+    fn refresh(&mut self, band: &Band<'_>, index: usize, column: usize, row: usize) -> u64 {
+        let least = if index == 0 {
+            farthest_of_tile(band, column, row)
+        } else {
+            let below = &self.levels[index - 1];
+            let columns = column * FACTOR..((column + 1) * FACTOR).min(below.columns);
+            let rows = row * FACTOR..((row + 1) * FACTOR).min(below.rows);
+            let mut least = u64::MAX;
+            for row in rows {
+                for column in columns.clone() {
+                    let below = &self.levels[index - 1];
+                    let at = row * below.columns + column;
+                    least = least.min(if below.stale[at] {
+                        self.refresh(band, index - 1, column, row)
+                    } else {
+                        below.farthest[at]
+                    });
+                }
+            }
+            least
+        };
+        let level = &mut self.levels[index];
+        let at = row * level.columns + column;
+        level.farthest[at] = least;
+        level.stale[at] = false;
+        least
+    }
+}
+
+/// The squares that a box touches.
+#[inline(always)]
+fn squares(area: &PixelBox, top: usize, side: usize) -> (Range<usize>, Range<usize>) {
+    let axis =
+        |range: &Range<usize>, first: usize| (range.start - first) / side..(range.end - 1 - first) / side + 1;
+    (axis(&area.x, 0), axis(&area.y, top))
+}
+
+fn farthest_of_tile(band: &Band<'_>, column: usize, row: usize) -> u64 {
+    let rows = row * TILE..((row + 1) * TILE).min(band.rows.len());
+    let mut least = [u64::MAX; TILE];
+    for y in rows {
+        let samples = &band.samples[y * band.stride + column * TILE..][..TILE];
+        for (least, &sample) in least.iter_mut().zip(samples) {
+            *least = sample.min(*least);
+        }
+    }
+    least.into_iter().fold(u64::MAX, u64::min)
+}

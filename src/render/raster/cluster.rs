@@ -1,0 +1,164 @@
+//! A cluster made ready for drawing: its vertices projected, its faces sorted by their boxes.
+
+use super::super::clusters::{Cluster, MOST_FACES, PADDING, unpack};
+use super::super::lanes::{Cells, Lanes, MOST_LANES, UNSEEN};
+use super::super::pyramid::PixelBox;
+use super::super::view::{Vertex, View};
+
+/// Faces whose box is at most this many pixels wide and high are drawn several at a time.
+pub const SMALL: usize = 4;
+
+/// Faces that a box, side by side; the ends are padded so that whole registers can be read.
+pub struct List {
+    pub count: usize,
+    /// Packed corners ([`unpack`]).
+    pub corners: [u32; MOST_FACES + MOST_LANES],
+    pub ids: [u32; MOST_FACES + MOST_LANES],
+    pub cells: [Cells; MOST_FACES + MOST_LANES],
+}
+
+impl List {
+    const EMPTY: Self = Self {
+        count: 0,
+        corners: [0; MOST_FACES + MOST_LANES],
+        ids: [0; MOST_FACES + MOST_LANES],
+        cells: [[0; 4]; MOST_FACES + MOST_LANES],
+    };
+
+    /// Appends the lanes of `mask`, faces and ids from `from` on.
+    #[inline(always)]
+    fn append<L: Lanes>(&mut self, mask: u32, cells: L::Words, from: [*const u32; 2]) {
+        let at = self.count;
+        assert!(at <= MOST_FACES);
+        // SAFETY: `from` has a register of entries, and so have the arrays from `at` on.
+        unsafe {
+            let to = [self.corners.as_mut_ptr().add(at), self.ids.as_mut_ptr().add(at)];
+            L::append_cells(mask, cells, from, self.cells.as_mut_ptr().add(at), to);
+        }
+        self.count += mask.count_ones() as usize;
+    }
+
+    /// The pixels of an entry.
+    #[inline(always)]
+    pub fn area(&self, entry: usize) -> PixelBox {
+        let [left, top, right, bottom] = self.cells[entry].map(i32::from);
+        PixelBox { x: left as usize..(1 - right) as usize, y: top as usize..(1 - bottom) as usize }
+    }
+}
+
+/// Vertices that a byte can name.
+const ROOM: usize = 256;
+
+/// Room for one cluster.
+pub struct Projected {
+    pub vertices: [Vertex; ROOM],
+    cells: [Cells; ROOM],
+    pub small: List,
+    pub large: List,
+    /// Faces with a corner at or behind the eye's plane.
+    pub straddling: List,
+}
+
+impl Default for Projected {
+    fn default() -> Self {
+        Self {
+            vertices: [Vertex::default(); ROOM],
+            cells: [UNSEEN; ROOM],
+            small: List::EMPTY,
+            large: List::EMPTY,
+            straddling: List::EMPTY,
+        }
+    }
+}
+
+impl Projected {
+    /// The corners of an entry of a list.
+    #[inline(always)]
+    pub fn corners(&self, packed: u32) -> [Vertex; 3] {
+        unpack(packed).map(|vertex| self.vertices[vertex])
+    }
+
+    /// Projects the vertices, as [`View::project`] does one.
+    #[inline(always)]
+    pub fn project<L: Lanes, const PERSPECTIVE: bool>(&mut self, view: &View, cluster: &Cluster<'_>) {
+        let [xs, ys, zs] = cluster.coordinates;
+        let count = xs.len();
+        assert!(count <= ROOM && count.is_multiple_of(PADDING));
+        assert!(ys.len() == count && zs.len() == count);
+        let m = &view.matrix;
+        let to_x = splat([m.x_axis.x, m.y_axis.x, m.z_axis.x, view.offset.x]);
+        let to_y = splat([m.x_axis.y, m.y_axis.y, m.z_axis.y, view.offset.y]);
+        let to_w = splat([m.x_axis.z, m.y_axis.z, m.z_axis.z, view.offset.z]);
+        let to_depth = splat([view.axis.x, view.axis.y, view.axis.z, view.distance]);
+        let half = [L::splat(view.half()[0]), L::splat(view.half()[1])];
+        let one = L::splat(1.0);
+        for at in (0..count).step_by(L::COUNT) {
+            // SAFETY: the count is a multiple of the lanes, and all arrays hold as many.
+            let p = unsafe {
+                [L::load(xs.as_ptr().add(at)), L::load(ys.as_ptr().add(at)), L::load(zs.as_ptr().add(at))]
+            };
+            let (x, y, w) = (along(to_x, p), along(to_y, p), along(to_w, p));
+            let inverse = one.div(w);
+            let value = if PERSPECTIVE { inverse } else { along(to_depth, p) };
+            let screen = [x.mul(inverse).add(half[0]), y.mul(inverse).add(half[1])];
+            let error = [error(screen[0]), error(screen[1])];
+            let up = [screen[0].sub(error[0]), screen[1].sub(error[1])];
+            let down = [screen[0].add(error[0]), screen[1].add(error[1])];
+            // Neither behind the eye nor beyond what can be said of it: NaN compares false.
+            let finite = L::and(L::splat(1e30).gt(down[0].abs()), L::splat(1e30).gt(down[1].abs()));
+            let seen = L::and(w.gt(L::splat(0.0)), finite);
+            // SAFETY: as above.
+            unsafe {
+                L::store_vertices([x, y, w, value], self.vertices.as_mut_ptr().add(at));
+                L::store_cells(up, down, seen, self.cells.as_mut_ptr().add(at));
+            }
+        }
+    }
+
+    /// Sorts the faces into the lists, by their boxes within `area`.
+    #[inline(always)]
+    pub fn sort<L: Lanes>(&mut self, cluster: &Cluster<'_>, area: &PixelBox) {
+        (self.small.count, self.large.count, self.straddling.count) = (0, 0, 0);
+        let Cluster { corners, ids, count, .. } = *cluster;
+        assert!(corners.len() == ids.len() && corners.len().is_multiple_of(MOST_LANES));
+        assert!(count <= corners.len() && corners.len() <= MOST_FACES);
+        let [left, top] = [area.x.start, area.y.start].map(|first| u64::from(first as u16));
+        let [right, bottom] = [area.x.end, area.y.end].map(|end| u64::from((1 - end as i32) as u16));
+        let least = L::splat_word(left | top << 16 | right << 32 | bottom << 48);
+        for at in (0..count).step_by(L::COUNT) {
+            let real = (1_u32 << (count - at).min(L::COUNT)) - 1;
+            let from = [corners[at..].as_ptr(), ids[at..].as_ptr()];
+            // SAFETY: corners and ids come in whole registers, and a byte of a face is a vertex of its cluster or, at
+            // worst, one of the others that there is room for.
+            let cells = unsafe { L::gather_cells(self.cells.as_ptr(), from[0]) };
+            let unseen = L::judge_cells(cells, SMALL as i16)[0] & real;
+            let cells = L::greatest_cells(cells, least);
+            let [_, some, small] = L::judge_cells(cells, SMALL as i16);
+            let some = some & !unseen & real;
+            self.small.append::<L>(some & small, cells, from);
+            if some & !small != 0 {
+                self.large.append::<L>(some & !small, cells, from);
+            }
+            if unseen != 0 {
+                self.straddling.append::<L>(unseen, cells, from);
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn splat<L: Lanes>(m: [f64; 4]) -> [L; 4] {
+    [L::splat(m[0]), L::splat(m[1]), L::splat(m[2]), L::splat(m[3])]
+}
+
+/// `m . (p, 1)`, in the order of [`View::project`].
+#[inline(always)]
+fn along<L: Lanes>(m: [L; 4], p: [L; 3]) -> L {
+    m[0].mul(p[0]).add(m[1].mul(p[1])).add(m[2].mul(p[2])).add(m[3])
+}
+
+/// [`screen_error`](super::super::view::screen_error).
+#[inline(always)]
+fn error<L: Lanes>(coordinate: L) -> L {
+    coordinate.abs().mul(L::splat(2.0 * f64::from(f32::EPSILON))).add(L::splat(1e-6))
+}
