@@ -3,6 +3,7 @@
 //! Each cluster has its own copy of its vertices, so that drawing reads memory in order and projects into what stays
 //! in the first-level cache; vertices on a cluster's border are projected by each cluster that has them.
 
+use super::lanes::Lanes;
 use crate::mesh::Mesh;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
@@ -192,6 +193,17 @@ impl Clusters {
             corners: &self.corners[face..end],
             ids: &self.ids[face..end],
             coordinates: [x, y, z],
+        }
+    }
+
+    /// Asks for a cluster's memory ahead of its use.
+    #[inline(always)]
+    pub fn prefetch<L: Lanes>(&self, index: u32) {
+        let Cluster { corners, ids, coordinates, .. } = self.cluster(index);
+        L::prefetch(corners);
+        L::prefetch(ids);
+        for coordinates in coordinates {
+            L::prefetch(coordinates);
         }
     }
 

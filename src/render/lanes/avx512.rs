@@ -71,6 +71,18 @@ impl Lanes for Eight {
     type Words = __m512i;
 
     #[inline(always)]
+    fn ramp() -> Self {
+        Self(within_run!(_mm512_setr_pd(0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0)))
+    }
+
+    #[inline(always)]
+    fn prefetch<T>(memory: &[T]) {
+        for offset in (0..size_of_val(memory)).step_by(64) {
+            within_run!(_mm_prefetch::<_MM_HINT_T0>(memory.as_ptr().cast::<i8>().add(offset)));
+        }
+    }
+
+    #[inline(always)]
     fn splat(value: f64) -> Self {
         Self(within_run!(_mm512_set1_pd(value)))
     }

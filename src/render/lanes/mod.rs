@@ -29,6 +29,10 @@ pub trait Lanes: Copy {
     type Words: Copy;
 
     fn splat(value: f64) -> Self;
+    /// 0, 1, 2 and so on.
+    fn ramp() -> Self;
+    /// Asks for memory that will be read soon.
+    fn prefetch<T>(memory: &[T]);
     /// # Safety
     /// As said of the trait.
     unsafe fn load(from: *const f64) -> Self;

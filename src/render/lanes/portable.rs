@@ -39,6 +39,14 @@ impl Lanes for Four {
     type Words = [u64; COUNT];
 
     #[inline(always)]
+    fn ramp() -> Self {
+        Self([0.0, 1.0, 2.0, 3.0])
+    }
+
+    #[inline(always)]
+    fn prefetch<T>(_: &[T]) {}
+
+    #[inline(always)]
     fn splat(value: f64) -> Self {
         Self([value; COUNT])
     }

@@ -5,63 +5,172 @@
 //! lies behind all that the tile shows.
 
 use super::super::frame::{Band, TILE, tag};
-use super::super::lanes::Lanes;
+use super::super::lanes::{Lanes, MOST_LANES};
 use super::super::pyramid::{PixelBox, Pyramid};
 use super::super::triangle::{KEY_RANGE, Triangle};
 use super::super::view::View;
+use super::cluster::{List, Projected};
+use super::small::Setup;
 use std::ops::Range;
 
 /// Boxes of up to this many columns are filled row by row.
 const NARROW: usize = 8;
 
-/// Draws a face into its box, which must lie in the band.
+/// What is drawn on.
+pub struct Canvas<'a, 'b> {
+    pub view: &'a View,
+    pub band: &'a mut Band<'b>,
+    pub pyramid: &'a mut Pyramid,
+}
+
+/// A value for each of several faces.
+type Each<T> = [T; MOST_LANES];
+
+/// Several faces set up together, to be drawn one by one.
+struct Lot {
+    edges: [[Each<f64>; 3]; 3],
+    least: [Each<f64>; 3],
+    plane: [Each<f64>; 3],
+    range: [Each<f64>; 2],
+    /// No sample of the face is greater.
+    nearest: Each<u64>,
+    /// The faces that are any, a bit each.
+    good: u32,
+}
+
+/// Draws the large faces of a cluster.
 #[inline(always)]
-pub fn draw<L: Lanes, const PERSPECTIVE: bool>(
-    view: &View,
-    triangle: &Triangle,
-    id: u32,
-    area: &PixelBox,
-    band: &mut Band<'_>,
-    pyramid: &mut Pyramid,
-) {
-    let brush = Brush::<L>::new(triangle, id);
-    if area.x.len() <= NARROW {
-        brush.fill::<PERSPECTIVE>(view, area.clone(), band, false);
-        return;
-    }
-    let first = area.y.start - (area.y.start - band.rows.start) % TILE;
-    for top in (first..area.y.end).step_by(TILE) {
-        let rows = top.max(area.y.start)..(top + TILE).min(area.y.end);
-        let left = area.x.start / TILE * TILE;
-        for left in (left..area.x.end).step_by(TILE * L::COUNT) {
-            brush.tiles::<PERSPECTIVE>(view, area, rows.clone(), left, band, pyramid);
+pub fn draw<L: Lanes, const PERSPECTIVE: bool>(projected: &Projected, canvas: &mut Canvas<'_, '_>) {
+    let list = &projected.large;
+    for at in (0..list.count).step_by(L::COUNT) {
+        let lot = Lot::new::<L, PERSPECTIVE>(projected, list, at);
+        for lane in 0..(list.count - at).min(L::COUNT) {
+            let area = list.area(at + lane);
+            if lot.good >> lane & 1 == 1 && !canvas.pyramid.all_greater(canvas.band, &area, lot.nearest[lane])
+            {
+                Brush::<L>::new(canvas.view, &lot, lane, list.ids[at + lane])
+                    .draw::<PERSPECTIVE>(&area, canvas);
+            }
         }
     }
 }
 
-/// A face in all lanes.
+/// Draws a face into its box, which must lie in the band.
+#[inline(always)]
+pub fn draw_one<L: Lanes, const PERSPECTIVE: bool>(
+    triangle: &Triangle,
+    id: u32,
+    area: &PixelBox,
+    canvas: &mut Canvas<'_, '_>,
+) {
+    let lot = Lot::of(triangle);
+    Brush::<L>::new(canvas.view, &lot, 0, id).draw::<PERSPECTIVE>(area, canvas);
+}
+
+impl Lot {
+    #[inline(always)]
+    fn new<L: Lanes, const PERSPECTIVE: bool>(projected: &Projected, list: &List, at: usize) -> Self {
+        // SAFETY: lists are padded by a register of entries, whose corners name vertices of the cluster or, at worst,
+        // others that there is room for.
+        let (corners, tags) = unsafe {
+            let faces = list.corners[at..at + L::COUNT].as_ptr();
+            let vertices = projected.vertices.as_ptr();
+            let a = L::gather(vertices, faces, 0);
+            let b = L::gather(vertices, faces, 1);
+            let c = L::gather(vertices, faces, 2);
+            ([a, b, c], L::tags(list.ids[at..at + L::COUNT].as_ptr()))
+        };
+        let setup = Setup::<L>::new::<PERSPECTIVE>(corners);
+        // Orthographic values grow away from the eye.
+        let near = setup.range[usize::from(PERSPECTIVE)];
+        let near = near.max(L::splat(KEY_RANGE[0])).min(L::splat(KEY_RANGE[1]));
+        let mut nearest = [0; MOST_LANES];
+        // SAFETY: the array holds the lanes of any register.
+        unsafe { L::deepen(L::mask(u32::MAX), L::words::<PERSPECTIVE>(near, tags), nearest.as_mut_ptr()) };
+        let [e0, e1, e2] = setup.edges;
+        Self {
+            edges: [lanes3(e0), lanes3(e1), lanes3(e2)],
+            least: lanes3(setup.least),
+            plane: lanes3(setup.plane),
+            range: [lanes(setup.range[0]), lanes(setup.range[1])],
+            nearest,
+            good: L::bits(setup.good),
+        }
+    }
+
+    fn of(triangle: &Triangle) -> Self {
+        let all = |value: f64| [value; MOST_LANES];
+        Self {
+            edges: triangle.edges.map(|n| n.to_array().map(all)),
+            least: triangle.least.map(all),
+            plane: triangle.plane.to_array().map(all),
+            range: triangle.range.map(all),
+            nearest: [u64::MAX; MOST_LANES],
+            good: 1,
+        }
+    }
+}
+
+#[inline(always)]
+fn lanes<L: Lanes>(register: L) -> Each<f64> {
+    let mut lanes = [0.0; MOST_LANES];
+    // SAFETY: the array holds the lanes of any register.
+    unsafe { register.store(lanes.as_mut_ptr()) };
+    lanes
+}
+
+#[inline(always)]
+fn lanes3<L: Lanes>(registers: [L; 3]) -> [Each<f64>; 3] {
+    [lanes(registers[0]), lanes(registers[1]), lanes(registers[2])]
+}
+
+/// One face, in all lanes.
 struct Brush<'a, L: Lanes> {
-    triangle: &'a Triangle,
+    lot: &'a Lot,
+    lane: usize,
     slopes: [L; 3],
     least: [L; 3],
     slope: L,
+    /// Of the values, fit for words.
     range: [L; 2],
     tags: L::Words,
+    /// Whether the camera sees all of the face, as far as its depths are concerned.
     all_seen: bool,
 }
 
 impl<'a, L: Lanes> Brush<'a, L> {
     #[inline(always)]
-    fn new(triangle: &'a Triangle, id: u32) -> Self {
-        let Triangle { edges, least, plane, range, seen } = triangle;
+    fn new(view: &View, lot: &'a Lot, lane: usize, id: u32) -> Self {
+        let Lot { edges: [e0, e1, e2], least: [l0, l1, l2], plane, range: [low, high], .. } = lot;
+        let seen = view.seen();
         Self {
-            triangle,
-            slopes: [L::splat(edges[0].x), L::splat(edges[1].x), L::splat(edges[2].x)],
-            least: [L::splat(least[0]), L::splat(least[1]), L::splat(least[2])],
-            slope: L::splat(plane.x),
-            range: [L::splat(range[0]), L::splat(range[1])],
+            lot,
+            lane,
+            slopes: [L::splat(e0[0][lane]), L::splat(e1[0][lane]), L::splat(e2[0][lane])],
+            least: [L::splat(l0[lane]), L::splat(l1[lane]), L::splat(l2[lane])],
+            slope: L::splat(plane[0][lane]),
+            range: [
+                L::splat(low[lane].max(KEY_RANGE[0]).min(KEY_RANGE[1])),
+                L::splat(high[lane].max(KEY_RANGE[0]).min(KEY_RANGE[1])),
+            ],
             tags: L::splat_word(tag(id)),
-            all_seen: range[0] >= seen[0] && range[1] <= seen[1],
+            all_seen: low[lane] >= seen[0] && high[lane] <= seen[1],
+        }
+    }
+
+    #[inline(always)]
+    fn draw<const PERSPECTIVE: bool>(&self, area: &PixelBox, canvas: &mut Canvas<'_, '_>) {
+        let first = area.y.start - (area.y.start - canvas.band.rows.start) % TILE;
+        for top in (first..area.y.end).step_by(TILE) {
+            let rows = top.max(area.y.start)..(top + TILE).min(area.y.end);
+            if area.x.len() <= NARROW {
+                self.fill::<PERSPECTIVE>(canvas.view, &area.x, &rows, canvas.band, false);
+                continue;
+            }
+            let left = area.x.start / TILE * TILE;
+            for left in (left..area.x.end).step_by(TILE * L::COUNT) {
+                self.tiles::<PERSPECTIVE>(&area.x, &rows, left, canvas);
+            }
         }
     }
 
@@ -69,34 +178,31 @@ impl<'a, L: Lanes> Brush<'a, L> {
     #[inline(always)]
     fn tiles<const PERSPECTIVE: bool>(
         &self,
-        view: &View,
-        area: &PixelBox,
-        rows: Range<usize>,
+        columns: &Range<usize>,
+        rows: &Range<usize>,
         left: usize,
-        band: &mut Band<'_>,
-        pyramid: &mut Pyramid,
+        canvas: &mut Canvas<'_, '_>,
     ) {
-        let Triangle { edges, plane, .. } = self.triangle;
-        let count = (area.x.end - left).div_ceil(TILE).min(L::COUNT);
-        let step = TILE as f64;
-        let mut starts = [0.0; super::super::lanes::MOST_LANES];
-        let mut ends = starts;
-        for (lane, (start, end)) in starts.iter_mut().zip(&mut ends).enumerate() {
-            let tile = left as f64 + step * lane as f64;
-            *start = tile.max(area.x.start as f64) + view.column(0);
-            *end = (tile + step).min(area.x.end as f64) - 1.0 + view.column(0);
-        }
-        // SAFETY: both arrays hold the lanes of any register.
-        let (first, last) = unsafe { (L::load(starts.as_ptr()), L::load(ends.as_ptr())) };
+        let Canvas { view, band, pyramid } = canvas;
+        let Lot { edges, plane, .. } = self.lot;
+        let lane = self.lane;
+        let count = (columns.end - left).div_ceil(TILE).min(L::COUNT);
+        let step = L::splat(TILE as f64);
+        let offset = L::splat(view.column(0));
+        // Tiles begin and end within the box.
+        let starts = L::ramp().mul(step).add(L::splat(left as f64));
+        let ends = starts.add(step).min(L::splat(columns.end as f64)).sub(L::splat(1.0));
+        let first = starts.max(L::splat(columns.start as f64)).add(offset);
+        let last = ends.add(offset);
         let (top, bottom) = (view.row(rows.start), view.row(rows.end - 1));
         let mut touched = L::mask((1 << count) - 1);
         let mut inside = touched;
         for edge in 0..3 {
-            let normal = edges[edge];
-            let (inner_x, outer_x) = if normal.x > 0.0 { (last, first) } else { (first, last) };
-            let (inner_y, outer_y) = if normal.y > 0.0 { (bottom, top) } else { (top, bottom) };
-            let inner = self.slopes[edge].mul(inner_x).add(L::splat(normal.y * inner_y + normal.z));
-            let outer = self.slopes[edge].mul(outer_x).add(L::splat(normal.y * outer_y + normal.z));
+            let [x, y, z] = [edges[edge][0][lane], edges[edge][1][lane], edges[edge][2][lane]];
+            let (inner_x, outer_x) = if x > 0.0 { (last, first) } else { (first, last) };
+            let (inner_y, outer_y) = if y > 0.0 { (bottom, top) } else { (top, bottom) };
+            let inner = self.slopes[edge].mul(inner_x).add(L::splat(y * inner_y + z));
+            let outer = self.slopes[edge].mul(outer_x).add(L::splat(y * outer_y + z));
             touched = L::and(touched, inner.ge(self.least[edge]));
             inside = L::and(inside, outer.ge(self.least[edge]));
         }
@@ -104,87 +210,89 @@ impl<'a, L: Lanes> Brush<'a, L> {
             return;
         }
         // Orthographic values grow away from the eye.
-        let nearer_x = (plane.x > 0.0) == PERSPECTIVE;
-        let nearer_y = (plane.y > 0.0) == PERSPECTIVE;
-        let (near_x, far_x) = if nearer_x { (last, first) } else { (first, last) };
-        let (near_y, far_y) = if nearer_y { (bottom, top) } else { (top, bottom) };
-        let near = self.slope.mul(near_x).add(L::splat(plane.y * near_y + plane.z));
-        let far = self.slope.mul(far_x).add(L::splat(plane.y * far_y + plane.z));
-        let nearest = L::words::<PERSPECTIVE>(self.value(near), self.tags);
-        let farthest = L::words::<PERSPECTIVE>(self.value(far), self.tags);
-        let mut known = [u64::MAX; super::super::lanes::MOST_LANES];
-        let tiles = pyramid.tiles_from(left, rows.start);
-        let present = count.min(tiles.len());
-        known[..present].copy_from_slice(&tiles[..present]);
-        // SAFETY: the array holds the lanes of any register.
-        let shown = unsafe { L::greater(nearest, L::load_words(known.as_ptr())) };
-        // What the tile shows is nearer or this very face.
-        let touched = L::bits(L::and(touched, shown));
-        if touched == 0 {
-            return;
-        }
+        let [x, y, z] = [plane[0][lane], plane[1][lane], plane[2][lane]];
+        let (near_x, far_x) = if (x > 0.0) == PERSPECTIVE { (last, first) } else { (first, last) };
+        let (near_y, far_y) = if (y > 0.0) == PERSPECTIVE { (bottom, top) } else { (top, bottom) };
+        let near = self.slope.mul(near_x).add(L::splat(y * near_y + z));
+        let far = self.slope.mul(far_x).add(L::splat(y * far_y + z));
+        let nearest = L::words::<PERSPECTIVE>(near.max(self.range[0]).min(self.range[1]), self.tags);
+        let farthest = L::words::<PERSPECTIVE>(far.max(self.range[0]).min(self.range[1]), self.tags);
+        let mut known = [u64::MAX; MOST_LANES];
+        known[..count].copy_from_slice(&pyramid.tiles_from(left, rows.start)[..count]);
+        let mut words = [0; MOST_LANES];
+        // SAFETY: the arrays hold the lanes of any register.
+        let shown = unsafe {
+            L::deepen(L::mask(u32::MAX), farthest, words.as_mut_ptr());
+            L::greater(nearest, L::load_words(known.as_ptr()))
+        };
+        let mut shown = L::bits(L::and(touched, shown));
+        let inside = if self.all_seen { L::bits(inside) } else { 0 };
         let from_the_top = (rows.start - band.rows.start).is_multiple_of(TILE);
         let whole = from_the_top && (rows.len() == TILE || rows.end == band.rows.end);
-        let inside = L::bits(inside);
-        let mut words = [0; super::super::lanes::MOST_LANES];
-        // SAFETY: the array holds the lanes of any register.
-        unsafe { L::deepen(L::mask(u32::MAX), farthest, words.as_mut_ptr()) };
-        let mut left_over = touched;
-        while left_over != 0 {
-            let lane = left_over.trailing_zeros() as usize;
-            left_over &= left_over - 1;
-            let tile = left + TILE * lane;
-            let x = tile.max(area.x.start)..(tile + TILE).min(area.x.end);
-            let covers = inside >> lane & 1 == 1;
-            if covers && self.all_seen && whole && (x.len() == TILE || x.end == view.width) && x.start == tile
-            {
-                let bound = &mut pyramid.tiles_from(tile, rows.start)[0];
-                *bound = words[lane].max(*bound);
+        while shown != 0 {
+            let tile = shown.trailing_zeros() as usize;
+            shown &= shown - 1;
+            let start = left + TILE * tile;
+            let x = start.max(columns.start)..(start + TILE).min(columns.end);
+            let covers = inside >> tile & 1 == 1;
+            if covers && whole && x.start == start && (x.len() == TILE || x.end == view.width) {
+                let bound = &mut pyramid.tiles_from(start, rows.start)[0];
+                *bound = words[tile].max(*bound);
             }
-            self.fill::<PERSPECTIVE>(view, PixelBox { x, y: rows.clone() }, band, covers && self.all_seen);
+            self.fill::<PERSPECTIVE>(view, &x, rows, band, covers);
         }
     }
 
-    /// A nearness on the face, within its corners', fit for a word.
+    /// Fills a box at most [`TILE`] columns wide and rows high; `covers` says that the face covers and shows in all of
+    /// it.
     #[inline(always)]
-    fn value(&self, plane: L) -> L {
-        plane.max(self.range[0]).min(self.range[1]).max(L::splat(KEY_RANGE[0])).min(L::splat(KEY_RANGE[1]))
-    }
-
-    /// Fills a box at most [`TILE`] columns wide; `covers` says that the face covers and shows in all of it.
-    #[inline(always)]
-    fn fill<const PERSPECTIVE: bool>(&self, view: &View, area: PixelBox, band: &mut Band<'_>, covers: bool) {
-        let Triangle { edges: [e0, e1, e2], plane, seen, .. } = self.triangle;
-        for left in (area.x.start..area.x.end).step_by(L::COUNT) {
-            let count = (area.x.end - left).min(L::COUNT);
-            let mut columns = [0.0; super::super::lanes::MOST_LANES];
-            for (lane, column) in columns.iter_mut().enumerate() {
-                *column = (left + lane) as f64 + view.column(0);
+    fn fill<const PERSPECTIVE: bool>(
+        &self,
+        view: &View,
+        columns: &Range<usize>,
+        rows: &Range<usize>,
+        band: &mut Band<'_>,
+        covers: bool,
+    ) {
+        let Lot { edges: [e0, e1, e2], plane, .. } = self.lot;
+        // The constants of the rows, a lane each.
+        let mut constants = [[0.0; MOST_LANES]; 4];
+        for first in (0..rows.len()).step_by(L::COUNT) {
+            let y = L::ramp().add(L::splat(view.row(rows.start + first)));
+            for (constants, n) in constants.iter_mut().zip([e0, e1, e2, plane]) {
+                let constant = L::splat(n[1][self.lane]).mul(y).add(L::splat(n[2][self.lane]));
+                // SAFETY: TILE rows are a multiple of the lanes.
+                unsafe { constant.store(constants[first..first + L::COUNT].as_mut_ptr()) };
             }
-            // SAFETY: the array holds the lanes of any register.
-            let x = unsafe { L::load(columns.as_ptr()) };
+        }
+        let [low, most] = view.seen();
+        let (low, most) = (L::splat(low), L::splat(most));
+        for left in (columns.start..columns.end).step_by(L::COUNT) {
+            let count = (columns.end - left).min(L::COUNT);
             let wanted = L::mask((1 << count) - 1);
+            let x = L::ramp().add(L::splat(view.column(left)));
             let products = [self.slopes[0].mul(x), self.slopes[1].mul(x), self.slopes[2].mul(x)];
             let along = self.slope.mul(x);
-            let line = (area.y.start - band.rows.start) * band.stride + left;
-            let lines = band.samples[line..].chunks_mut(band.stride);
-            for (y, line) in area.y.clone().zip(lines) {
-                let y = view.row(y);
+            let mut at = (rows.start - band.rows.start) * band.stride + left;
+            for row in 0..rows.len() {
                 let mut mask = wanted;
                 if !covers {
-                    mask = L::and(mask, products[0].add(L::splat(e0.y * y + e0.z)).ge(self.least[0]));
-                    mask = L::and(mask, products[1].add(L::splat(e1.y * y + e1.z)).ge(self.least[1]));
-                    mask = L::and(mask, products[2].add(L::splat(e2.y * y + e2.z)).ge(self.least[2]));
+                    for edge in 0..3 {
+                        let value = products[edge].add(L::splat(constants[edge][row]));
+                        mask = L::and(mask, value.ge(self.least[edge]));
+                    }
                 }
-                let value = along.add(L::splat(plane.y * y + plane.z));
+                let value = along.add(L::splat(constants[3][row]));
                 if !self.all_seen {
-                    let value = value.max(self.range[0]).min(self.range[1]);
-                    mask = L::and(mask, value.ge(L::splat(seen[0])));
-                    mask = L::and(mask, L::splat(seen[1]).ge(value));
+                    let [near, far] = [&self.lot.range[0], &self.lot.range[1]];
+                    let value = value.max(L::splat(near[self.lane])).min(L::splat(far[self.lane]));
+                    mask = L::and(mask, L::and(value.ge(low), most.ge(value)));
                 }
-                let words = L::words::<PERSPECTIVE>(self.value(value), self.tags);
-                // SAFETY: the mask keeps the access within the row's samples from `left` on, of which there are `count`.
-                unsafe { L::deepen(mask, words, line[..count].as_mut_ptr()) };
+                let words = L::words::<PERSPECTIVE>(value.max(self.range[0]).min(self.range[1]), self.tags);
+                let samples = &mut band.samples[at..at + count];
+                // SAFETY: the mask keeps the access within these samples.
+                unsafe { L::deepen(mask, words, samples.as_mut_ptr()) };
+                at += band.stride;
             }
         }
     }

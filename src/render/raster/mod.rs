@@ -13,6 +13,7 @@ use super::triangle::Triangle;
 use super::view::{Vertex, View, screen_error};
 use crate::camera::Projection;
 use cluster::Projected;
+use large::Canvas;
 use small::Hits;
 use std::ops::Range;
 use walk::{Stop, Visitor, walk};
@@ -89,20 +90,15 @@ impl<L: Lanes, const PERSPECTIVE: bool> Visitor<L> for Drawing<'_, '_, PERSPECTI
         projected.project::<L, PERSPECTIVE>(view, &cluster);
         projected.sort::<L>(&cluster, &stop.area);
         small::draw::<L, PERSPECTIVE>(view, projected, band, hits);
-        for entry in 0..projected.large.count {
-            let list = &projected.large;
-            if let Some(triangle) = Triangle::new(view, &projected.corners(list.corners[entry])) {
-                let area = list.area(entry);
-                large::draw::<L, PERSPECTIVE>(view, &triangle, list.ids[entry], &area, band, pyramid);
-            }
-        }
+        let mut canvas = Canvas { view, band, pyramid };
+        large::draw::<L, PERSPECTIVE>(projected, &mut canvas);
         for entry in 0..projected.straddling.count {
             let list = &projected.straddling;
             let corners = projected.corners(list.corners[entry]);
-            if let Some(area) = pixel_box(view, &corners, &band.rows)
+            if let Some(area) = pixel_box(view, &corners, &canvas.band.rows)
                 && let Some(triangle) = Triangle::new(view, &corners)
             {
-                large::draw::<L, PERSPECTIVE>(view, &triangle, list.ids[entry], &area, band, pyramid);
+                large::draw_one::<L, PERSPECTIVE>(&triangle, list.ids[entry], &area, &mut canvas);
             }
         }
         pyramid.touch(&stop.area);

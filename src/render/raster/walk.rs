@@ -59,7 +59,12 @@ pub fn walk<L: Lanes>(
         match stop.child {
             Child::Absent => {}
             Child::Node(node) => eye.push::<L>(clusters.node(node), stack),
-            Child::Cluster(cluster) => visitor.visit(cluster, &stop),
+            Child::Cluster(cluster) => {
+                if let Some(&Stop { child: Child::Cluster(next), .. }) = stack.last() {
+                    clusters.prefetch::<L>(next);
+                }
+                visitor.visit(cluster, &stop);
+            }
         }
     }
 }
