@@ -154,7 +154,7 @@ def write_raw(path: Path, scene: cyc.Scene, cameras: list[cyc.Camera]) -> None:
 
 @cache
 def bandwidth(megabytes: int = 256) -> dict[str, dict[str, float]]:
-    """Bytes a nanosecond that NumPy fills, copies (read and written) and reads, on one thread and on all cores."""
+    """GB/s that NumPy fills, copies (both ways counted) and reads, on one thread and on all cores: the best of 9 runs."""
     rows = {}
     for title, threads in {"1 thread": 1, "all cores": cores()}.items():
         parts = [np.ones((2, megabytes * 2**17 // threads), np.uint64) for _ in range(threads)]
@@ -167,11 +167,11 @@ def bandwidth(megabytes: int = 256) -> dict[str, dict[str, float]]:
             rows[title] = {}
             for name, (passes, job) in jobs.items():
                 times = []
-                for _ in range(7):
+                for _ in range(9):
                     start = time.perf_counter()
                     list(pool.map(job, parts))
                     times.append(time.perf_counter() - start)
-                rows[title][name] = passes * sum(part[0].nbytes for part in parts) / np.median(times) / 1e9
+                rows[title][name] = passes * sum(part[0].nbytes for part in parts) / min(times) / 1e9
     return rows
 
 
