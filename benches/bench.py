@@ -154,7 +154,7 @@ def write_raw(path: Path, scene: cyc.Scene, cameras: list[cyc.Camera]) -> None:
 
 @cache
 def bandwidth(megabytes: int = 256) -> dict[str, dict[str, float]]:
-    """GB/s that NumPy fills, copies (both ways counted) and reads, on one thread and on all cores: the best of 9 runs."""
+    """GB/s that NumPy fills, copies (counted twice) and reads, on one thread and on all cores: the best of 9 runs."""
     rows = {}
     for title, threads in {"1 thread": 1, "all cores": cores()}.items():
         parts = [np.ones((2, megabytes * 2**17 // threads), np.uint64) for _ in range(threads)]

@@ -146,15 +146,17 @@ def draw(by_faces: list[dict[str, Any]], by_layers: list[dict[str, Any]], path: 
 
 
 def main() -> None:
-    asked = bench.options(__doc__, rounds=5)
-    counts = [10**4, 10**5] if asked.quick else [10**4, 3 * 10**4, 10**5, 3 * 10**5, 10**6, 3 * 10**6, 10**7]
-    layers, many = ([1, 10], 10**5) if asked.quick else ([1, 2, 5, 10, 20, 50, 100], 10**6)
+    counts, depths = [10**4, 3 * 10**4, 10**5, 3 * 10**5, 10**6, 3 * 10**6, 10**7], [1, 2, 5, 10, 20, 50, 100]
+    asked = bench.options(__doc__, rounds=5, faces=counts, layers=depths)
+    counts, depths, many = asked.faces, asked.layers, 10**6
+    if asked.quick:
+        counts, depths, many = [10**4, 10**5], [1, 10], 10**5
     by_faces = []
     for count in counts:
         for kind, shells in (("whole", 1), ("hidden", SHELLS)):
             row = row_of(functools.partial(spheres, count, shells), outside, asked.rounds)
             by_faces.append({"scene": kind, **row})
-    by_layers = [{"layers": k, **row_of(functools.partial(sheets, many, k), before, asked.rounds)} for k in layers]
+    by_layers = [{"layers": k, **row_of(functools.partial(sheets, many, k), before, asked.rounds)} for k in depths]
     bench.show(f"Bare views against faces, medians of {asked.rounds} interleaved rounds", by_faces)
     bench.show("Bare views against layers of randomly ordered faces", by_layers)
     with multiprocessing.get_context("spawn").Pool(1) as pool:
