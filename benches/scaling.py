@@ -123,7 +123,7 @@ def peak(faces: int) -> float:
 def draw(by_faces: list[dict[str, Any]], by_layers: list[dict[str, Any]], path: object) -> None:
     import matplotlib.pyplot as plt
 
-    figure, (time_axes, face_axes, layer_axes) = plt.subplots(1, 3, figsize=(15, 4.5))
+    figure, (time_axes, face_axes, layer_axes) = plt.subplots(1, 3, figsize=(15, 4.5), layout="constrained")
     for color, kind in (("C0", "whole"), ("C1", "hidden")):
         rows = [row for row in by_faces if row["scene"] == kind]
         faces = [row["faces"] for row in rows]
