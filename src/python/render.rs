@@ -5,6 +5,7 @@ use super::interrupt;
 use crate::camera::{Camera, Projection};
 use crate::mesh::Mesh;
 use crate::render::frame;
+use crate::render::lanes::InstructionSet;
 use crate::render::scene::{Engine, Scene};
 use crate::render::shade::{Colors, shade};
 use crate::render::view::View;
@@ -187,6 +188,27 @@ impl PyMesh {
     }
 }
 
+/// The instruction sets that this processor has and the rasteriser is compiled for, the best last.
+#[pyfunction]
+fn instruction_sets() -> Vec<&'static str> {
+    InstructionSet::available().into_iter().map(InstructionSet::name).collect()
+}
+
+/// The one that is used.
+#[pyfunction]
+fn instruction_set() -> &'static str {
+    InstructionSet::best().name()
+}
+
+/// Uses another one from here on, in the whole process: same answers, other times.
+#[pyfunction]
+fn use_instruction_set(name: &str) -> PyResult<()> {
+    Ok(InstructionSet::choose(name)?)
+}
+
 pub fn register(m: &Bound<'_, PyModule>) -> PyResult<()> {
+    m.add_function(wrap_pyfunction!(instruction_set, m)?)?;
+    m.add_function(wrap_pyfunction!(instruction_sets, m)?)?;
+    m.add_function(wrap_pyfunction!(use_instruction_set, m)?)?;
     m.add_class::<PyMesh>()
 }

@@ -3,7 +3,13 @@
 //! The kernels are written once over [`Lanes`] and compiled for each implementation inside a function that has its
 //! features ([`with_lanes`]); all their parts are inlined into it. Every operation rounds as the scalar one does and
 //! none is fused, so all implementations give the same bits.
+//!
+//! The best is found at run time: on x86-64 AVX-512 (F, VL, DQ and BW), else AVX2 (with BMI, LZCNT and POPCNT), else the
+//! portable lanes as compiled for SSE2. Elsewhere there are only the portable lanes: on aarch64 the compiler makes NEON
+//! of them, which nobody here has run.
 
+#[cfg(target_arch = "x86_64")]
+mod avx2;
 #[cfg(target_arch = "x86_64")]
 mod avx512;
 mod portable;
@@ -12,7 +18,9 @@ use super::frame::FACE_BITS;
 use super::triangle::{DROPPED, key_terms};
 use super::view::Vertex;
 use crate::camera::Projection;
+use crate::error::Error;
 use std::sync::OnceLock;
+use std::sync::atomic::{AtomicU8, Ordering};
 
 /// Registers hold at most so many lanes.
 pub const MOST_LANES: usize = 8;
@@ -166,42 +174,92 @@ pub trait Kernel {
 
 /// The instruction sets that the kernels are compiled for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u8)]
 pub enum InstructionSet {
     /// Plain Rust on four lanes, for any processor.
     Portable,
+    /// Four lanes.
+    #[cfg(target_arch = "x86_64")]
+    Avx2,
     /// Eight lanes.
     #[cfg(target_arch = "x86_64")]
     Avx512,
 }
 
+/// What was chosen by [`InstructionSet::choose`], as a number; [`NONE`] before.
+static CHOSEN: AtomicU8 = AtomicU8::new(NONE);
+
+const NONE: u8 = u8::MAX;
+
 impl InstructionSet {
-    /// The best that this processor has, found at the first call.
+    /// All that were compiled, the best last.
+    const ALL: &'static [Self] = &[
+        Self::Portable,
+        #[cfg(target_arch = "x86_64")]
+        Self::Avx2,
+        #[cfg(target_arch = "x86_64")]
+        Self::Avx512,
+    ];
+
+    /// What is used: the best that this processor has, unless another was [chosen](Self::choose).
     pub fn best() -> Self {
         static BEST: OnceLock<InstructionSet> = OnceLock::new();
-        *BEST.get_or_init(|| Self::available().last().copied().unwrap_or(Self::Portable))
+        match Self::ALL.get(usize::from(CHOSEN.load(Ordering::Relaxed))) {
+            Some(&chosen) => chosen,
+            None => *BEST.get_or_init(|| Self::available().last().copied().unwrap_or(Self::Portable)),
+        }
     }
 
     /// Those that this processor has, the best last.
     pub fn available() -> Vec<Self> {
-        #[cfg_attr(not(target_arch = "x86_64"), expect(unused_mut))]
-        let mut sets = vec![Self::Portable];
-        #[cfg(target_arch = "x86_64")]
-        if avx512::is_there() {
-            sets.push(Self::Avx512);
+        Self::ALL.iter().copied().filter(|set| set.is_there()).collect()
+    }
+
+    /// Lets the whole process use another set than the best: answers stay the same to the bit, times do not.
+    ///
+    /// # Errors
+    /// The processor, or the build, has none of this name.
+    pub fn choose(name: &str) -> Result<(), Error> {
+        let available = Self::available();
+        let Some(&set) = available.iter().find(|set| set.name() == name) else {
+            let names: Vec<_> = available.into_iter().map(Self::name).collect();
+            return Err(Error::Invalid(format!("instruction set must be one of {names:?}, got {name:?}")));
+        };
+        CHOSEN.store(set as u8, Ordering::Relaxed);
+        Ok(())
+    }
+
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Portable => "portable",
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx2 => "AVX2",
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx512 => "AVX-512",
         }
-        sets
+    }
+
+    fn is_there(self) -> bool {
+        match self {
+            Self::Portable => true,
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx2 => avx2::is_there(),
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx512 => avx512::is_there(),
+        }
     }
 
     /// Runs a kernel; `self` must be [`available`](Self::available).
     pub fn run<K: Kernel>(self, kernel: K) -> K::Output {
+        assert!(self.is_there(), "the processor has no {}", self.name());
         match self {
             Self::Portable => kernel.run::<portable::Four>(),
+            // SAFETY: the processor has the features that the function is compiled for.
             #[cfg(target_arch = "x86_64")]
-            Self::Avx512 => {
-                assert!(avx512::is_there(), "the processor has no AVX-512");
-                // SAFETY: the processor has the features that the function is compiled for.
-                unsafe { avx512::run(kernel) }
-            }
+            Self::Avx2 => unsafe { avx2::run(kernel) },
+            // SAFETY: as above.
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx512 => unsafe { avx512::run(kernel) },
         }
     }
 }
