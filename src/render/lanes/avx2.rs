@@ -433,10 +433,9 @@ impl Lanes for Four {
     #[inline(always)]
     unsafe fn deepen(mask: Self::Mask, words: Self::Words, at: *mut u64) {
         within_run!({
-            let mask = _mm256_castpd_si256(mask);
-            let old = _mm256_maskload_epi64(at.cast(), mask);
-            let nearer = _mm256_and_si256(_mm256_castpd_si256(above(words, old)), mask);
-            _mm256_maskstore_epi64(at.cast(), nearer, words);
+            let old = _mm256_loadu_si256(at.cast());
+            let nearer = _mm256_castpd_si256(_mm256_and_pd(above(words, old), mask));
+            _mm256_storeu_si256(at.cast(), _mm256_blendv_epi8(old, words, nearer));
         });
     }
 

@@ -133,10 +133,10 @@ pub trait Lanes: Copy {
     fn words<const PERSPECTIVE: bool>(values: Self, tags: Self::Words) -> Self::Words;
     /// Where `a` is greater.
     fn greater(a: Self::Words, b: Self::Words) -> Self::Mask;
-    /// The greater of what is at `at` and `words`, written back where the mask is set.
+    /// Where the mask is set, the greater of what is at `at` and `words`; elsewhere what is there is written again.
     ///
     /// # Safety
-    /// As said of the trait, for lanes that are set.
+    /// As said of the trait.
     unsafe fn deepen(mask: Self::Mask, words: Self::Words, at: *mut u64);
     /// Appends the lanes that are set: their words, and the whole numbers in `places`.
     ///

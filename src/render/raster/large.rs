@@ -268,8 +268,10 @@ impl<'a, L: Lanes> Brush<'a, L> {
         let [low, most] = view.seen();
         let (low, most) = (L::splat(low), L::splat(most));
         for left in (columns.start..columns.end).step_by(L::COUNT) {
-            let count = (columns.end - left).min(L::COUNT);
-            let wanted = L::mask((1 << count) - 1);
+            let wanted = (1 << (columns.end - left).min(L::COUNT)) - 1;
+            // A whole register of samples, though the row may end with the box.
+            let back = left.saturating_sub(band.stride - L::COUNT);
+            let (left, wanted) = (left - back, L::mask(wanted << back));
             let x = L::ramp().add(L::splat(view.column(left)));
             let products = [self.slopes[0].mul(x), self.slopes[1].mul(x), self.slopes[2].mul(x)];
             let along = self.slope.mul(x);
@@ -289,8 +291,8 @@ impl<'a, L: Lanes> Brush<'a, L> {
                     mask = L::and(mask, L::and(value.ge(low), most.ge(value)));
                 }
                 let words = L::words::<PERSPECTIVE>(value.max(self.range[0]).min(self.range[1]), self.tags);
-                let samples = &mut band.samples[at..at + count];
-                // SAFETY: the mask keeps the access within these samples.
+                let samples = &mut band.samples[at..at + L::COUNT];
+                // SAFETY: a register of samples is there.
                 unsafe { L::deepen(mask, words, samples.as_mut_ptr()) };
                 at += band.stride;
             }
