@@ -6,6 +6,7 @@
 //! does; that a face owns no pixel does not prove it hidden (it may fall between the centres), which
 //! is what [`visible`] is about.
 
+pub mod beam;
 pub mod clusters;
 pub mod confirm;
 pub mod frame;

@@ -4,9 +4,12 @@
 //! obvhs works in float32. Boxes are padded by more than its rounding and each ray starts where it enters the
 //! scene, so no face is lost to it; hits are decided in float64.
 
-use super::frame::{Band, sample};
+use super::beam::{Beam, Place};
+use super::frame::{Band, TILE, sample};
+use super::lanes::{InstructionSet, Kernel, Lanes};
 use super::triangle::{Nearness, Triangle};
 use super::view::View;
+use crate::camera::Projection;
 use crate::mesh::Mesh;
 use glam::Vec3A;
 use obvhs::BvhBuildParams;
@@ -26,9 +29,6 @@ const PAD: f32 = 4e-6;
 /// The distance from the mesh's origin that all its points are within.
 const REACH: f64 = 1.7321;
 
-/// Side of the square tiles in which pixels are visited, so that neighbouring rays find the same nodes cached.
-const TILE: usize = 8;
-
 /// A hierarchy over the faces of a mesh.
 pub struct Hierarchy {
     bvh: Bvh2,
@@ -46,7 +46,9 @@ impl Hierarchy {
                 Aabb::new(a.min(b).min(c).as_vec3a() - pad, a.max(b).max(c).as_vec3a() + pad)
             })
             .collect();
-        let bvh = build_bvh2(&boxes, BvhBuildParams::medium_build(), &mut Duration::default());
+        let mut bvh = build_bvh2(&boxes, BvhBuildParams::medium_build(), &mut Duration::default());
+        // Nodes that are visited together lie together: fewer misses of the cache.
+        bvh.reorder_in_stack_traversal_order();
         let depth = bvh.depth(0) + 1;
         Self { bvh, depth }
     }
@@ -166,15 +168,98 @@ pub fn cast(
     counts: impl Fn(u32) -> bool,
     band: &mut Band<'_>,
 ) {
-    let mut caster = Caster::new(hierarchy, view, mesh);
-    let rows = band.rows.clone();
-    for top in rows.clone().step_by(TILE) {
-        for left in (0..view.width).step_by(TILE) {
-            for y in top..(top + TILE).min(rows.end) {
-                for x in left..(left + TILE).min(view.width) {
-                    let pixel = [view.column(x), view.row(y)];
-                    band.samples[(y - rows.start) * band.stride + x] =
-                        hierarchy.nearest(&mut caster, pixel, &counts);
+    InstructionSet::best().run(Cast { hierarchy, view, mesh, counts, band });
+}
+
+/// [`cast`] as a kernel.
+struct Cast<'a, 'b, F> {
+    hierarchy: &'a Hierarchy,
+    view: &'a View,
+    mesh: &'a Mesh,
+    counts: F,
+    band: &'a mut Band<'b>,
+}
+
+impl<F: Fn(u32) -> bool> Kernel for Cast<'_, '_, F> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self) {
+        match self.view.projection {
+            Projection::Perspective => self.tiles::<L, true>(),
+            Projection::Orthographic => self.tiles::<L, false>(),
+        }
+    }
+}
+
+impl<F: Fn(u32) -> bool> Cast<'_, '_, F> {
+    #[inline(always)]
+    fn tiles<L: Lanes, const PERSPECTIVE: bool>(self) {
+        let Self { hierarchy, view, mesh, counts, band } = self;
+        let mut stack = Vec::with_capacity(hierarchy.depth);
+        let rows = band.rows.clone();
+        for top in rows.clone().step_by(TILE) {
+            for left in (0..view.width).step_by(TILE) {
+                let Some(mut beam) = Beam::new(view, left, top, rows.end) else {
+                    let mut caster = Caster::new(hierarchy, view, mesh);
+                    for y in top..(top + TILE).min(rows.end) {
+                        for x in left..(left + TILE).min(view.width) {
+                            let pixel = [view.column(x), view.row(y)];
+                            band.samples[(y - rows.start) * band.stride + x] =
+                                hierarchy.nearest(&mut caster, pixel, &counts);
+                        }
+                    }
+                    continue;
+                };
+                hierarchy.through::<L, PERSPECTIVE>(&mut beam, &mut stack, mesh, &counts);
+                beam.put(band);
+            }
+        }
+    }
+}
+
+impl Hierarchy {
+    /// Tests the faces that a beam may meet, near ones first but in no strict order.
+    #[inline(always)]
+    fn through<L: Lanes, const PERSPECTIVE: bool>(
+        &self,
+        beam: &mut Beam<'_>,
+        stack: &mut Vec<(u32, Place)>,
+        mesh: &Mesh,
+        counts: &impl Fn(u32) -> bool,
+    ) {
+        let nodes = &self.bvh.nodes;
+        if let Some(place) = beam.meet::<PERSPECTIVE>(nodes[0].aabb()) {
+            stack.push((0, place));
+        }
+        while let Some((index, place)) = stack.pop() {
+            if !beam.shows(place) {
+                continue;
+            }
+            let node = &nodes[index as usize];
+            let first = node.first_index;
+            if node.is_leaf() {
+                for &face in &self.bvh.primitive_indices[first as usize..(first + node.prim_count) as usize] {
+                    if counts(face) {
+                        beam.test::<L, PERSPECTIVE>(mesh, face, place.pixels);
+                    }
+                }
+                continue;
+            }
+            let left = beam.meet::<PERSPECTIVE>(nodes[first as usize].aabb());
+            let right = beam.meet::<PERSPECTIVE>(nodes[first as usize + 1].aabb());
+            match (left, right) {
+                (Some(left), Some(right)) if right.nearest < left.nearest => {
+                    stack.push((first, left));
+                    stack.push((first + 1, right));
+                }
+                (left, right) => {
+                    if let Some(right) = right {
+                        stack.push((first + 1, right));
+                    }
+                    if let Some(left) = left {
+                        stack.push((first, left));
+                    }
                 }
             }
         }
