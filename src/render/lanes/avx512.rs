@@ -361,8 +361,8 @@ impl Lanes for Eight {
     #[inline(always)]
     unsafe fn deepen(mask: Self::Mask, words: Self::Words, at: *mut u64) {
         within_run!({
-            let old = _mm512_maskz_loadu_epi64(mask, at.cast());
-            _mm512_mask_storeu_epi64(at.cast(), mask, _mm512_max_epu64(old, words));
+            let old = _mm512_loadu_si512(at.cast());
+            _mm512_storeu_si512(at.cast(), _mm512_mask_max_epu64(old, mask, old, words));
         });
     }
 

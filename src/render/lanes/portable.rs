@@ -7,6 +7,10 @@ use crate::render::frame;
 
 const COUNT: usize = 4;
 
+/// A sum with this ends in the bits of the nearest whole number: two additions, which every processor has for vectors,
+/// where conversions and roundings are often made one by one.
+const WHOLE: f64 = 1.5 * (1_u64 << 52) as f64;
+
 #[derive(Clone, Copy)]
 pub struct Four([f64; COUNT]);
 
@@ -17,9 +21,31 @@ impl Four {
     }
 
     #[inline(always)]
-    fn test(self, other: Self, f: impl Fn(f64, f64) -> bool) -> [bool; COUNT] {
-        std::array::from_fn(|lane| f(self.0[lane], other.0[lane]))
+    fn test(self, other: Self, f: impl Fn(f64, f64) -> bool) -> [u64; COUNT] {
+        std::array::from_fn(|lane| all(f(self.0[lane], other.0[lane])))
     }
+}
+
+/// All bits or none.
+#[inline(always)]
+fn all(set: bool) -> u64 {
+    if set { u64::MAX } else { 0 }
+}
+
+/// `yes` where a bit of the mask is set, else `no`.
+#[inline(always)]
+fn chosen(mask: u64, yes: u64, no: u64) -> u64 {
+    (mask & yes) | (!mask & no)
+}
+
+/// Rounded up, within the range of 16 bits.
+#[inline(always)]
+fn whole(x: f64) -> i16 {
+    const MOST: f64 = i16::MAX as f64;
+    let x = if x > -MOST { x } else { -MOST };
+    let x = if x < MOST { x } else { MOST };
+    let sum = x + WHOLE;
+    sum.to_bits() as i16 + i16::from(sum - WHOLE < x)
 }
 
 #[inline(always)]
@@ -35,12 +61,13 @@ fn to_cells(word: u64) -> Cells {
 
 impl Lanes for Four {
     const COUNT: usize = COUNT;
-    type Mask = [bool; COUNT];
+    /// All bits of a lane or none.
+    type Mask = [u64; COUNT];
     type Words = [u64; COUNT];
 
     #[inline(always)]
     fn ramp() -> Self {
-        Self([0.0, 1.0, 2.0, 3.0])
+        Self(std::array::from_fn(|lane| lane as f64))
     }
 
     #[inline(always)]
@@ -126,7 +153,9 @@ impl Lanes for Four {
 
     #[inline(always)]
     fn select(mask: Self::Mask, yes: Self, no: Self) -> Self {
-        Self(std::array::from_fn(|lane| if mask[lane] { yes.0[lane] } else { no.0[lane] }))
+        Self(std::array::from_fn(|lane| {
+            f64::from_bits(chosen(mask[lane], yes.0[lane].to_bits(), no.0[lane].to_bits()))
+        }))
     }
 
     #[inline(always)]
@@ -141,30 +170,28 @@ impl Lanes for Four {
 
     #[inline(always)]
     fn bits(mask: Self::Mask) -> u32 {
-        (0..COUNT).map(|lane| u32::from(mask[lane]) << lane).sum()
+        (0..COUNT).map(|lane| (mask[lane] as u32 & 1) << lane).sum()
     }
 
     #[inline(always)]
     fn mask(bits: u32) -> Self::Mask {
-        std::array::from_fn(|lane| bits >> lane & 1 == 1)
+        std::array::from_fn(|lane| all(bits >> lane & 1 == 1))
     }
 
     #[inline(always)]
     fn greatest(self) -> f64 {
-        let [a, b, c, d] = self.0;
-        a.max(b).max(c.max(d))
+        self.0.into_iter().fold(f64::NEG_INFINITY, |a, b| if a > b { a } else { b })
     }
 
     #[inline(always)]
     unsafe fn gather(vertices: *const Vertex, faces: *const u32, corner: usize) -> [Self; 4] {
         let mut lanes = [[0.0; COUNT]; 4];
+        let [xs, ys, ws, values] = &mut lanes;
         for lane in 0..COUNT {
             // SAFETY: the faces are there and their corners are vertices, as the trait asks.
             let vertex = unsafe { *vertices.add(unpack(*faces.add(lane))[corner]) };
-            lanes[0][lane] = vertex.x;
-            lanes[1][lane] = vertex.y;
-            lanes[2][lane] = vertex.w;
-            lanes[3][lane] = vertex.value;
+            (xs[lane], ys[lane]) = (vertex.x, vertex.y);
+            (ws[lane], values[lane]) = (vertex.w, vertex.value);
         }
         lanes.map(Self)
     }
@@ -232,13 +259,10 @@ impl Lanes for Four {
 
     #[inline(always)]
     unsafe fn store_cells(up: [Self; 2], down: [Self; 2], mask: Self::Mask, to: *mut Cells) {
-        let whole = |x: f64| x.clamp(-f64::from(i16::MAX), f64::from(i16::MAX)).ceil() as i16;
         let cells: [Cells; COUNT] = std::array::from_fn(|lane| {
-            if !mask[lane] {
-                return UNSEEN;
-            }
             // The negative of what is rounded down is the negative rounded up.
-            [up[0].0[lane], up[1].0[lane], -down[0].0[lane], -down[1].0[lane]].map(whole)
+            let cells = [up[0].0[lane], up[1].0[lane], -down[0].0[lane], -down[1].0[lane]].map(whole);
+            if mask[lane] == 0 { UNSEEN } else { cells }
         });
         // SAFETY: the lanes are there, as the trait asks.
         unsafe { to.cast::<[Cells; COUNT]>().write(cells) }
@@ -281,16 +305,14 @@ impl Lanes for Four {
 
     #[inline(always)]
     fn greater(a: Self::Words, b: Self::Words) -> Self::Mask {
-        std::array::from_fn(|lane| a[lane] > b[lane])
+        std::array::from_fn(|lane| all(a[lane] > b[lane]))
     }
 
     #[inline(always)]
     unsafe fn deepen(mask: Self::Mask, words: Self::Words, at: *mut u64) {
         for lane in 0..COUNT {
-            if mask[lane] {
-                // SAFETY: lanes that are set are there, as the trait asks.
-                unsafe { *at.add(lane) = words[lane].max(*at.add(lane)) }
-            }
+            // SAFETY: the lanes are there, as the trait asks.
+            unsafe { *at.add(lane) = (words[lane] & mask[lane]).max(*at.add(lane)) }
         }
     }
 
@@ -307,9 +329,9 @@ impl Lanes for Four {
             // SAFETY: there is room for as many entries as lanes, as the trait asks.
             unsafe {
                 *words_to.add(count) = words[lane];
-                *places_to.add(count) = places.0[lane] as u32;
+                *places_to.add(count) = (places.0[lane] + WHOLE).to_bits() as u32;
             }
-            count += usize::from(mask[lane]);
+            count += (mask[lane] & 1) as usize;
         }
     }
 }

@@ -41,8 +41,9 @@ impl List {
     /// The pixels of an entry.
     #[inline(always)]
     pub fn area(&self, entry: usize) -> PixelBox {
-        let [left, top, right, bottom] = self.cells[entry].map(i32::from);
-        PixelBox { x: left as usize..(1 - right) as usize, y: top as usize..(1 - bottom) as usize }
+        let [left, top, right, bottom] = self.cells[entry];
+        let end = |last: i16| (1 - i32::from(last)) as usize;
+        PixelBox { x: left as usize..end(right), y: top as usize..end(bottom) }
     }
 }
 

@@ -116,7 +116,10 @@ fn fill<L: Lanes, const PERSPECTIVE: bool>(
     let (low, most) = (L::splat(seen[0]), L::splat(seen[1]));
     let all_seen = L::bits(L::and(setup.range[0].ge(low), most.ge(setup.range[1]))) == (1 << L::COUNT) - 1;
     let keys = [L::splat(KEY_RANGE[0]), L::splat(KEY_RANGE[1])];
-    let range = if all_seen { setup.range.map(|x| x.max(keys[0]).min(keys[1])) } else { setup.range };
+    let mut range = setup.range;
+    if all_seen {
+        range = [range[0].max(keys[0]).min(keys[1]), range[1].max(keys[0]).min(keys[1])];
+    }
     let x = left.add(L::splat(view.column(0)));
     let mut y = top.add(L::splat(view.row(0)));
     let first_row = L::splat(band.rows.start as f64);
