@@ -19,6 +19,9 @@ pub struct Mesh {
 /// The most faces a mesh may have: their ids fit the bits that a sample of an image has for them.
 pub const MAX_FACES: usize = 1 << 26;
 
+/// The distance from a mesh's own origin, in its own units, that all its points are within.
+pub const REACH: f64 = 1.7321;
+
 impl Mesh {
     /// Checks and takes a mesh of `vertices` in the user's units.
     ///

@@ -4,7 +4,7 @@
 //! That is a guess: it adds hidden faces along every silhouette, and repeated until nothing changes it floods all
 //! that faces the eye. [`confirm`](super::confirm) proves what this assumes.
 
-use super::confirm::around;
+use super::raster::pixel_box;
 use super::triangle::facing;
 use super::view::{Vertex, View};
 use crate::adjacency::Csr;
@@ -21,8 +21,7 @@ pub fn beside(
     rings: usize,
     known: impl Fn(u32) -> bool,
 ) -> Vec<u32> {
-    let in_image =
-        |corners: &[Vertex; 3]| around(view, corners).is_none_or(|(x, y)| !x.is_empty() && !y.is_empty());
+    let in_image = |corners: &[Vertex; 3]| pixel_box(view, corners, &(0..view.height), 0.5).is_some();
     let mut taken = vec![false; mesh.faces().len()];
     let mut added = Vec::new();
     let mut ring = seen;

@@ -10,7 +10,7 @@ use super::lanes::{InstructionSet, Kernel, Lanes};
 use super::triangle::{Nearness, Triangle};
 use super::view::View;
 use crate::camera::Projection;
-use crate::mesh::Mesh;
+use crate::mesh::{Mesh, REACH};
 use glam::Vec3A;
 use obvhs::BvhBuildParams;
 use obvhs::aabb::Aabb;
@@ -25,9 +25,6 @@ use std::time::Duration;
 /// its start, direction and reciprocal to float32 and the three operations of the slab test move it by less
 /// than 12 half-ulps of 4, that is 12 * 2^-24 * 4 < 3e-6.
 const PAD: f32 = 4e-6;
-
-/// The distance from the mesh's origin that all its points are within.
-const REACH: f64 = 1.7321;
 
 /// A hierarchy over the faces of a mesh.
 pub struct Hierarchy {

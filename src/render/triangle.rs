@@ -53,12 +53,21 @@ impl Nearness {
         }
     }
 
+    /// The value that another must be beyond to be nearer than this by more than rounding.
+    #[inline(always)]
+    pub fn limit(self, projection: Projection) -> f64 {
+        match projection {
+            Projection::Perspective => self.0 * (1.0 + COINCIDENT),
+            Projection::Orthographic => self.0 * (1.0 - COINCIDENT),
+        }
+    }
+
     /// Whether this is nearer than `other`, by more than rounding.
     #[inline(always)]
     pub fn is_before(self, other: Self, projection: Projection) -> bool {
         match projection {
-            Projection::Perspective => self.0 > other.0 * (1.0 + COINCIDENT),
-            Projection::Orthographic => self.0 < other.0 * (1.0 - COINCIDENT),
+            Projection::Perspective => self.0 > other.limit(projection),
+            Projection::Orthographic => self.0 < other.limit(projection),
         }
     }
 }

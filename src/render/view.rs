@@ -136,6 +136,13 @@ impl View {
         }
     }
 
+    /// Pixels a unit of slope (perspective), or per unit of the mesh (orthographic).
+    pub fn focal(&self) -> f64 {
+        let m = &self.matrix;
+        let rows = [0, 1].map(|row| [m.x_axis[row], m.y_axis[row], m.z_axis[row]]);
+        rows.iter().map(|row| row.iter().map(|x| x * x).sum::<f64>().sqrt()).fold(f64::INFINITY, f64::min)
+    }
+
     /// The ray through a centred pixel position: its point at depth 0 and its step per unit of depth.
     pub fn ray(&self, pixel: [f64; 2]) -> (DVec3, DVec3) {
         let p = dvec3(pixel[0], pixel[1], 1.0);

@@ -1,10 +1,9 @@
 //! Which faces a view sees: rows of bits.
 
-use super::confirm::{Confirm, Farthest};
+use super::confirm::Confirm;
 use super::frame::{self, Frame};
 use super::neighbours;
 use super::raster::Painter;
-use super::raycast::Caster;
 use super::scene::{Engine, Scene};
 use super::seen::Seen;
 use super::view::View;
@@ -55,7 +54,7 @@ struct Scratch {
     frame: Frame,
     painter: Painter,
     seen: Seen,
-    farthest: Farthest,
+    confirm: Confirm,
 }
 
 /// Sets in each row the faces that its camera sees, and the transparent ones; rows keep the bits they have, and no
@@ -86,13 +85,14 @@ pub fn visible_rows(
         camera.check()?;
     }
     // What the threads share is made before they start.
+    let _ = scene.clusters();
     match fill {
-        Fill::Bare => drop(scene.clusters()),
+        Fill::Bare => {}
         Fill::Neighbours { .. } => drop(scene.adjacency()?),
         Fill::Rays(Rays { supersampling: 0, .. }) => {
             return Err(Error::Invalid("supersampling must be at least 1, got 0".into()));
         }
-        Fill::Rays(_) => drop(scene.hierarchy()),
+        Fill::Rays(_) => {}
     }
     let idle = Mutex::new(Vec::new());
     rows.par_chunks_mut(words).zip(cameras).try_for_each(|(row, camera)| {
@@ -113,7 +113,7 @@ fn look(
     row: &mut [u64],
     scratch: &mut Scratch,
 ) -> Result<(), Error> {
-    let Scratch { frame, painter, seen, farthest } = scratch;
+    let Scratch { frame, painter, seen, confirm } = scratch;
     let view = &match fill {
         Fill::Rays(rays) => View::new(scene.mesh(), &camera.supersampled(rays.supersampling)),
         Fill::Bare | Fill::Neighbours { .. } => View::new(scene.mesh(), camera),
@@ -135,19 +135,11 @@ fn look(
             }
         }
         Fill::Rays(rays) => {
-            farthest.fill(frame);
-            let mut confirm = Confirm {
-                hierarchy: scene.hierarchy(),
-                frame,
-                farthest,
-                hides: |face| scene.is_opaque(face),
-                caster: Caster::new(scene.hierarchy(), view, scene.mesh()),
-                suspects: Vec::new(),
-            };
-            for face in 0..scene.mesh().faces().len() as u32 {
-                if !is_set(row, face) && scene.is_opaque(face) && confirm.sees(face, rays.points) {
-                    set(row, face);
-                }
+            let (known, mut found) = (row.to_vec(), Vec::new());
+            let is_known = |face| is_set(&known, face);
+            confirm.look(scene, view, frame, rays.points, is_known, |face| found.push(face));
+            for face in found {
+                set(row, face);
             }
         }
     }

@@ -6,7 +6,7 @@ use super::super::pyramid::PixelBox;
 use super::super::view::{Vertex, View};
 
 /// Faces whose box is at most this many pixels wide and high are drawn several at a time.
-pub const SMALL: usize = 4;
+pub const SMALL: i16 = 4;
 
 /// Faces that a box, side by side; the ends are padded so that whole registers can be read.
 pub struct List {
@@ -18,7 +18,7 @@ pub struct List {
 }
 
 impl List {
-    const EMPTY: Self = Self {
+    pub const EMPTY: Self = Self {
         count: 0,
         corners: [0; MOST_FACES + MOST_LANES],
         ids: [0; MOST_FACES + MOST_LANES],
@@ -36,6 +36,16 @@ impl List {
             L::append_cells(mask, cells, from, self.cells.as_mut_ptr().add(at), to);
         }
         self.count += mask.count_ones() as usize;
+    }
+
+    /// Appends an entry of another list.
+    #[inline(always)]
+    pub fn copy(&mut self, other: &Self, entry: usize) {
+        let at = self.count;
+        self.corners[at] = other.corners[entry];
+        self.ids[at] = other.ids[entry];
+        self.cells[at] = other.cells[entry];
+        self.count += 1;
     }
 
     /// The pixels of an entry.
@@ -79,9 +89,14 @@ impl Projected {
         unpack(packed).map(|vertex| self.vertices[vertex])
     }
 
-    /// Projects the vertices, as [`View::project`] does one.
+    /// Projects the vertices, as [`View::project`] does one. Boxes will reach `reach` pixels farther.
     #[inline(always)]
-    pub fn project<L: Lanes, const PERSPECTIVE: bool>(&mut self, view: &View, cluster: &Cluster<'_>) {
+    pub fn project<L: Lanes, const PERSPECTIVE: bool>(
+        &mut self,
+        view: &View,
+        cluster: &Cluster<'_>,
+        reach: f64,
+    ) {
         let [xs, ys, zs] = cluster.coordinates;
         let count = xs.len();
         assert!(count <= ROOM && count.is_multiple_of(PADDING));
@@ -93,6 +108,7 @@ impl Projected {
         let to_depth = splat([view.axis.x, view.axis.y, view.axis.z, view.distance]);
         let half = [L::splat(view.half()[0]), L::splat(view.half()[1])];
         let one = L::splat(1.0);
+        let reach = L::splat(1e-6 + reach);
         for at in (0..count).step_by(L::COUNT) {
             // SAFETY: the count is a multiple of the lanes, and all arrays hold as many.
             let p = unsafe {
@@ -102,7 +118,7 @@ impl Projected {
             let inverse = one.div(w);
             let value = if PERSPECTIVE { inverse } else { along(to_depth, p) };
             let screen = [x.mul(inverse).add(half[0]), y.mul(inverse).add(half[1])];
-            let error = [error(screen[0]), error(screen[1])];
+            let error = [error(screen[0], reach), error(screen[1], reach)];
             let up = [screen[0].sub(error[0]), screen[1].sub(error[1])];
             let down = [screen[0].add(error[0]), screen[1].add(error[1])];
             // Neither behind the eye nor beyond what can be said of it: NaN compares false.
@@ -116,9 +132,9 @@ impl Projected {
         }
     }
 
-    /// Sorts the faces into the lists, by their boxes within `area`.
+    /// Sorts the faces into the lists, by their boxes within `area`; small are those of at most `side` pixels each way.
     #[inline(always)]
-    pub fn sort<L: Lanes>(&mut self, cluster: &Cluster<'_>, area: &PixelBox) {
+    pub fn sort<L: Lanes>(&mut self, cluster: &Cluster<'_>, area: &PixelBox, side: i16) {
         (self.small.count, self.large.count, self.straddling.count) = (0, 0, 0);
         let Cluster { corners, ids, count, .. } = *cluster;
         assert!(corners.len() == ids.len() && corners.len().is_multiple_of(MOST_LANES));
@@ -132,9 +148,9 @@ impl Projected {
             // SAFETY: corners and ids come in whole registers, and a byte of a face is a vertex of its cluster or, at
             // worst, one of the others that there is room for.
             let cells = unsafe { L::gather_cells(self.cells.as_ptr(), from[0]) };
-            let unseen = L::judge_cells(cells, SMALL as i16)[0] & real;
+            let unseen = L::judge_cells(cells, side)[0] & real;
             let cells = L::greatest_cells(cells, least);
-            let [_, some, small] = L::judge_cells(cells, SMALL as i16);
+            let [_, some, small] = L::judge_cells(cells, side);
             let some = some & !unseen & real;
             self.small.append::<L>(some & small, cells, from);
             if some & !small != 0 {
@@ -158,8 +174,8 @@ fn along<L: Lanes>(m: [L; 4], p: [L; 3]) -> L {
     m[0].mul(p[0]).add(m[1].mul(p[1])).add(m[2].mul(p[2])).add(m[3])
 }
 
-/// [`screen_error`](super::super::view::screen_error).
+/// [`screen_error`](super::super::view::screen_error), its absolute part and more in `reach`.
 #[inline(always)]
-fn error<L: Lanes>(coordinate: L) -> L {
-    coordinate.abs().mul(L::splat(2.0 * f64::from(f32::EPSILON))).add(L::splat(1e-6))
+fn error<L: Lanes>(coordinate: L, reach: L) -> L {
+    coordinate.abs().mul(L::splat(2.0 * f64::from(f32::EPSILON))).add(reach)
 }

@@ -27,15 +27,15 @@ pub struct Canvas<'a, 'b> {
 type Each<T> = [T; MOST_LANES];
 
 /// Several faces set up together, to be drawn one by one.
-struct Lot {
-    edges: [[Each<f64>; 3]; 3],
-    least: [Each<f64>; 3],
-    plane: [Each<f64>; 3],
-    range: [Each<f64>; 2],
+pub struct Lot {
+    pub edges: [[Each<f64>; 3]; 3],
+    pub least: [Each<f64>; 3],
+    pub plane: [Each<f64>; 3],
+    pub range: [Each<f64>; 2],
     /// No sample of the face is greater.
     nearest: Each<u64>,
     /// The faces that are any, a bit each.
-    good: u32,
+    pub good: u32,
 }
 
 /// Draws the large faces of a cluster.
@@ -69,7 +69,7 @@ pub fn draw_one<L: Lanes, const PERSPECTIVE: bool>(
 
 impl Lot {
     #[inline(always)]
-    fn new<L: Lanes, const PERSPECTIVE: bool>(projected: &Projected, list: &List, at: usize) -> Self {
+    pub fn new<L: Lanes, const PERSPECTIVE: bool>(projected: &Projected, list: &List, at: usize) -> Self {
         // SAFETY: lists are padded by a register of entries, whose corners name vertices of the cluster or, at worst,
         // others that there is room for.
         let (corners, tags) = unsafe {
@@ -98,7 +98,7 @@ impl Lot {
         }
     }
 
-    fn of(triangle: &Triangle) -> Self {
+    pub fn of(triangle: &Triangle) -> Self {
         let all = |value: f64| [value; MOST_LANES];
         Self {
             edges: triangle.edges.map(|n| n.to_array().map(all)),

@@ -1,7 +1,7 @@
 //! The rasteriser: walks the clusters of faces that may show, and in each face's box the pixels.
 
-mod cluster;
-mod large;
+pub mod cluster;
+pub mod large;
 mod small;
 pub mod walk;
 
@@ -12,7 +12,7 @@ use super::pyramid::{PixelBox, Pyramid};
 use super::triangle::Triangle;
 use super::view::{Vertex, View, screen_error};
 use crate::camera::Projection;
-use cluster::Projected;
+use cluster::{Projected, SMALL};
 use large::Canvas;
 use small::Hits;
 use std::ops::Range;
@@ -63,7 +63,7 @@ impl<const PERSPECTIVE: bool> Kernel for Draw<'_, '_, PERSPECTIVE> {
         pyramid.clear(band);
         let rows = band.rows.clone();
         let mut drawing = Drawing::<PERSPECTIVE> { view, clusters, band, pyramid, projected, hits };
-        walk::<L>(view, clusters, &rows, stack, &mut drawing);
+        walk::<L>(view, clusters, &rows, 0.0, stack, &mut drawing);
     }
 }
 
@@ -87,15 +87,15 @@ impl<L: Lanes, const PERSPECTIVE: bool> Visitor<L> for Drawing<'_, '_, PERSPECTI
     fn visit(&mut self, cluster: u32, stop: &Stop) {
         let Self { view, band, pyramid, projected, hits, .. } = self;
         let cluster = self.clusters.cluster(cluster);
-        projected.project::<L, PERSPECTIVE>(view, &cluster);
-        projected.sort::<L>(&cluster, &stop.area);
+        projected.project::<L, PERSPECTIVE>(view, &cluster, 0.0);
+        projected.sort::<L>(&cluster, &stop.area, SMALL);
         small::draw::<L, PERSPECTIVE>(view, projected, band, hits);
         let mut canvas = Canvas { view, band, pyramid };
         large::draw::<L, PERSPECTIVE>(projected, &mut canvas);
         for entry in 0..projected.straddling.count {
             let list = &projected.straddling;
             let corners = projected.corners(list.corners[entry]);
-            if let Some(area) = pixel_box(view, &corners, &canvas.band.rows)
+            if let Some(area) = pixel_box(view, &corners, &canvas.band.rows, 0.0)
                 && let Some(triangle) = Triangle::new(view, &corners)
             {
                 large::draw_one::<L, PERSPECTIVE>(&triangle, list.ids[entry], &area, &mut canvas);
@@ -105,13 +105,14 @@ impl<L: Lanes, const PERSPECTIVE: bool> Visitor<L> for Drawing<'_, '_, PERSPECTI
     }
 }
 
-/// The pixels of `rows` that a face may cover; `None` if there are none. Never too small.
-pub fn pixel_box(view: &View, corners: &[Vertex; 3], rows: &Range<usize>) -> Option<PixelBox> {
+/// The pixels of `rows` whose centres lie within `reach` of what a face may cover; `None` if there are none. Never too
+/// small.
+pub fn pixel_box(view: &View, corners: &[Vertex; 3], rows: &Range<usize>, reach: f64) -> Option<PixelBox> {
     let (low, high) = bounds(view, corners)?;
     let axis = |axis: usize, allowed: Range<usize>| {
         let (low, high) = (low[axis], high[axis]);
-        let first = (low - screen_error(low)).ceil().max(allowed.start as f64);
-        let last = (high + screen_error(high)).floor().min(allowed.end as f64 - 1.0);
+        let first = (low - screen_error(low) - reach).ceil().max(allowed.start as f64);
+        let last = (high + screen_error(high) + reach).floor().min(allowed.end as f64 - 1.0);
         (first <= last).then(|| first as usize..last as usize + 1)
     };
     Some(PixelBox { x: axis(0, 0..view.width)?, y: axis(1, rows.clone())? })
@@ -160,7 +161,7 @@ fn bounds(view: &View, corners: &[Vertex; 3]) -> Option<([f64; 2], [f64; 2])> {
 /// Face by face, row by row and pixel by pixel: the reference for the other ways.
 pub fn draw_plainly(view: &View, faces: impl Iterator<Item = (u32, [Vertex; 3])>, band: &mut Band<'_>) {
     for (id, corners) in faces {
-        let Some(PixelBox { x, y }) = pixel_box(view, &corners, &band.rows) else { continue };
+        let Some(PixelBox { x, y }) = pixel_box(view, &corners, &band.rows, 0.0) else { continue };
         let Some(triangle) = Triangle::new(view, &corners) else { continue };
         for y in y {
             let row = triangle.along_row(view.row(y));

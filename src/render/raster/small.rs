@@ -18,7 +18,7 @@ pub struct Hits {
 
 impl Hits {
     /// What one batch of faces can find, and a register past the end.
-    const ROOM: usize = SMALL * SMALL * MOST_LANES + MOST_LANES;
+    const ROOM: usize = (SMALL as usize * SMALL as usize + 1) * MOST_LANES;
 }
 
 impl Default for Hits {

@@ -38,7 +38,7 @@ const RELATIVE_MARGIN: f64 = 1e-6;
 /// And this much nearer.
 const NEARER: f64 = 1.0 + 1e-9;
 
-/// Visits the clusters that reach into `rows` of the image, nearer parts of the tree first.
+/// Visits the clusters that come within `reach` of pixel centres of `rows`, nearer parts of the tree first.
 ///
 /// `stack` is room to work in, empty before and after.
 #[inline(always)]
@@ -46,11 +46,12 @@ pub fn walk<L: Lanes>(
     view: &View,
     clusters: &Clusters,
     rows: &Range<usize>,
+    reach: f64,
     stack: &mut Vec<Stop>,
     visitor: &mut impl Visitor<L>,
 ) {
     let Some(root) = clusters.root() else { return };
-    let eye = Eye::new(view, rows);
+    let eye = Eye::new(view, rows, reach);
     eye.push::<L>(root, stack);
     while let Some(stop) = stack.pop() {
         if visitor.skips(&stop) {
@@ -73,16 +74,18 @@ pub fn walk<L: Lanes>(
 struct Eye<'a> {
     view: &'a View,
     rows: &'a Range<usize>,
+    /// Boxes are taken to be this much larger on the image, in pixels.
+    margin: f64,
     /// What homogeneous coordinates may be wrong by.
     slack: f64,
 }
 
 impl<'a> Eye<'a> {
-    fn new(view: &'a View, rows: &'a Range<usize>) -> Self {
+    fn new(view: &'a View, rows: &'a Range<usize>, reach: f64) -> Self {
         let matrix: f64 = view.matrix.to_cols_array().iter().map(|x| x.abs()).sum();
         let size =
             matrix + view.offset.abs().element_sum() + view.axis.abs().element_sum() + view.distance.abs();
-        Self { view, rows, slack: 16.0 * f64::EPSILON * size }
+        Self { view, rows, margin: MARGIN + reach, slack: 16.0 * f64::EPSILON * size }
     }
 
     /// Puts a node's children that the image may show on the stack, the farthest first.
@@ -121,8 +124,9 @@ impl<'a> Eye<'a> {
         }
         let axis = |axis: usize, allowed: Range<usize>| {
             let (low, high) = (bounds.low[axis][place], bounds.high[axis][place]);
-            let first = (low - MARGIN - RELATIVE_MARGIN * low.abs()).ceil().max(allowed.start as f64);
-            let last = (high + MARGIN + RELATIVE_MARGIN * high.abs()).floor().min(allowed.end as f64 - 1.0);
+            let first = (low - self.margin - RELATIVE_MARGIN * low.abs()).ceil().max(allowed.start as f64);
+            let last =
+                (high + self.margin + RELATIVE_MARGIN * high.abs()).floor().min(allowed.end as f64 - 1.0);
             (first <= last).then(|| first as usize..last as usize + 1)
         };
         let area = PixelBox { x: axis(0, 0..view.width)?, y: axis(1, self.rows.clone())? };

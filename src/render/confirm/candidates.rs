@@ -1,0 +1,152 @@
+//! The faces that may be seen though the picture does not show them.
+
+use super::solid::Solid;
+use crate::camera::Projection;
+use crate::render::clusters::Clusters;
+use crate::render::frame::Band;
+use crate::render::lanes::{InstructionSet, Kernel, Lanes};
+use crate::render::pyramid::{PixelBox, Pyramid};
+use crate::render::raster::cluster::Projected;
+use crate::render::raster::walk::{Stop, Visitor, walk};
+use crate::render::triangle::Nearness;
+use crate::render::view::{Vertex, View};
+
+/// How far beyond its corners a face's box reaches, so that it has the samples around it.
+const RING: f64 = 1.0;
+
+/// Faces to be tested.
+#[derive(Default)]
+pub struct Candidates {
+    pub ids: Vec<u32>,
+    corners: Vec<[Vertex; 3]>,
+    /// The samples in and around each; none where a corner lies at or behind the eye's plane.
+    areas: Vec<Option<PixelBox>>,
+    /// What the last round's points say of each: hidden by a face, open, or nothing.
+    pub hiders: Vec<Option<u32>>,
+    projected: Box<Projected>,
+    stack: Vec<Stop>,
+}
+
+impl Candidates {
+    /// Takes the faces of `clusters` that are not `known` and that the picture does not hide.
+    pub fn gather(
+        &mut self,
+        view: &View,
+        clusters: &Clusters,
+        solid: &Solid,
+        pyramid: &mut Pyramid,
+        band: &Band<'_>,
+        known: impl Fn(u32) -> bool,
+    ) {
+        self.ids.clear();
+        self.corners.clear();
+        self.areas.clear();
+        let gather = Gather { candidates: self, view, clusters, solid, pyramid, band, known };
+        InstructionSet::best().run(gather);
+    }
+
+    pub fn len(&self) -> usize {
+        self.ids.len()
+    }
+
+    pub fn corners(&self, index: usize) -> [Vertex; 3] {
+        self.corners[index]
+    }
+
+    pub fn area(&self, index: usize) -> Option<&PixelBox> {
+        self.areas[index].as_ref()
+    }
+
+    /// Keeps the candidates that pass, asked with their id, corners and hider.
+    pub fn retain(&mut self, mut keep: impl FnMut(u32, &[Vertex; 3], Option<u32>) -> bool) {
+        let mut count = 0;
+        for index in 0..self.ids.len() {
+            if keep(self.ids[index], &self.corners[index], self.hiders[index]) {
+                self.ids.swap(count, index);
+                self.corners.swap(count, index);
+                self.areas.swap(count, index);
+                count += 1;
+            }
+        }
+        self.ids.truncate(count);
+        self.corners.truncate(count);
+        self.areas.truncate(count);
+    }
+}
+
+/// No sample of a face is greater than this word.
+pub fn nearest(view: &View, corners: &[Vertex; 3]) -> u64 {
+    let [p, q, r] = corners.map(|v| v.value);
+    match view.projection {
+        Projection::Perspective => Nearness(p.max(q).max(r)),
+        Projection::Orthographic => Nearness(p.min(q).min(r)),
+    }
+    .key(view.projection)
+        | crate::render::frame::tag(0)
+}
+
+/// [`Candidates::gather`] as a kernel.
+struct Gather<'a, 'b, K: Fn(u32) -> bool> {
+    candidates: &'a mut Candidates,
+    view: &'a View,
+    clusters: &'a Clusters,
+    solid: &'a Solid,
+    pyramid: &'a mut Pyramid,
+    band: &'a Band<'b>,
+    known: K,
+}
+
+impl<K: Fn(u32) -> bool> Kernel for Gather<'_, '_, K> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(mut self) {
+        let (view, clusters) = (self.view, self.clusters);
+        let mut stack = std::mem::take(&mut self.candidates.stack);
+        walk::<L>(view, clusters, &(0..view.height), RING, &mut stack, &mut self);
+        self.candidates.stack = stack;
+    }
+}
+
+impl<L: Lanes, K: Fn(u32) -> bool> Visitor<L> for Gather<'_, '_, K> {
+    #[inline(always)]
+    fn skips(&mut self, stop: &Stop) -> bool {
+        !stop.straddles && self.solid.hides(self.pyramid, self.band, self.view, &stop.area, stop.nearest)
+    }
+
+    #[inline(always)]
+    fn visit(&mut self, cluster: u32, stop: &Stop) {
+        let view = self.view;
+        let cluster = self.clusters.cluster(cluster);
+        if cluster.ids.iter().all(|&id| (self.known)(id)) {
+            return;
+        }
+        let Candidates { ids, corners, areas, projected, .. } = &mut *self.candidates;
+        match view.projection {
+            Projection::Perspective => projected.project::<L, true>(view, &cluster, RING),
+            Projection::Orthographic => projected.project::<L, false>(view, &cluster, RING),
+        }
+        projected.sort::<L>(&cluster, &stop.area, i16::MAX);
+        for entry in 0..projected.small.count {
+            let id = projected.small.ids[entry];
+            if (self.known)(id) {
+                continue;
+            }
+            let (area, face) =
+                (projected.small.area(entry), projected.corners(projected.small.corners[entry]));
+            if !self.solid.hides(self.pyramid, self.band, view, &area, nearest(view, &face)) {
+                ids.push(id);
+                corners.push(face);
+                areas.push(Some(area));
+            }
+        }
+        for entry in 0..projected.straddling.count {
+            let id = projected.straddling.ids[entry];
+            if !(self.known)(id) {
+                ids.push(id);
+                corners.push(projected.corners(projected.straddling.corners[entry]));
+                areas.push(None);
+            }
+        }
+    }
+}

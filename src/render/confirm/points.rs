@@ -1,0 +1,262 @@
+//! Points on faces, and which of them something hides: an id-buffer whose samples lie wherever they are wanted.
+//!
+//! The points are sorted into the pixels that they lie in, and all faces that may hide one are tested against those in
+//! the pixels of their boxes (the irregular z-buffer of Johnson, Lee, Burns and Mark, "The irregular z-buffer", 2005,
+//! and of Aila and Laine, "Alias-free shadow maps", 2004). The arithmetic is that of the id-buffer, so a point that
+//! nothing hides proves its face visible.
+
+use crate::camera::Projection;
+use crate::render::clusters::Clusters;
+use crate::render::frame::TILE;
+use crate::render::lanes::{InstructionSet, Kernel, Lanes, MOST_LANES};
+use crate::render::pyramid::PixelBox;
+use crate::render::raster::cluster::{List, Projected};
+use crate::render::raster::large::Lot;
+use crate::render::raster::pixel_box;
+use crate::render::raster::walk::{Stop, Visitor, walk};
+use crate::render::triangle::{Nearness, Triangle};
+use crate::render::view::View;
+
+/// A point of a face.
+#[derive(Debug, Clone, Copy)]
+pub struct Point {
+    /// Where on the image, centred.
+    pub x: f64,
+    pub y: f64,
+    /// The face's nearness there.
+    pub value: f64,
+    /// Whose point it is, counted as the caller likes.
+    pub owner: u32,
+}
+
+/// Nothing hides the point.
+pub const OPEN: u32 = u32::MAX;
+
+/// How far beyond its corners a face's box reaches, so that it has the pixels of all points on it.
+const HALF_PIXEL: f64 = 0.5;
+
+/// Points, sorted by pixel.
+#[derive(Debug, Default)]
+pub struct Points {
+    width: usize,
+    /// Where each pixel's points begin; one entry more.
+    starts: Vec<u32>,
+    x: Vec<f64>,
+    y: Vec<f64>,
+    /// What a face's value must be beyond to hide the point.
+    limits: Vec<f64>,
+    owners: Vec<u32>,
+    /// A face that hides each, or [`OPEN`].
+    hidden_by: Vec<u32>,
+    /// For each tile a word that none of its points' is less than.
+    deepest: Vec<u64>,
+    columns: usize,
+}
+
+impl Points {
+    /// Takes the points in.
+    pub fn sort(&mut self, view: &View, points: &[Point]) {
+        self.width = view.width;
+        self.columns = view.width.div_ceil(TILE);
+        self.deepest.clear();
+        self.deepest.resize(self.columns * view.height.div_ceil(TILE), u64::MAX);
+        self.starts.clear();
+        self.starts.resize(view.width * view.height + 1, 0);
+        let pixel = |point: &Point| {
+            let at = |position: f64, size: usize| ((position + 0.5 * size as f64) as usize).min(size - 1);
+            (at(point.x, view.width), at(point.y, view.height))
+        };
+        for point in points {
+            let (x, y) = pixel(point);
+            self.starts[y * view.width + x] += 1;
+            let tile = &mut self.deepest[y / TILE * self.columns + x / TILE];
+            *tile = Nearness(point.value).key(view.projection).min(*tile);
+        }
+        let mut sum = 0;
+        for start in &mut self.starts {
+            sum += *start;
+            *start = sum;
+        }
+        let room = points.len() + MOST_LANES;
+        for array in [&mut self.x, &mut self.y, &mut self.limits] {
+            array.resize(room, 0.0);
+        }
+        self.owners.resize(room, 0);
+        self.hidden_by.clear();
+        self.hidden_by.resize(room, OPEN);
+        // From the last, so that each pixel's points keep their order.
+        for point in points.iter().rev() {
+            let (x, y) = pixel(point);
+            let start = &mut self.starts[y * view.width + x];
+            *start -= 1;
+            let at = *start as usize;
+            (self.x[at], self.y[at]) = (point.x, point.y);
+            self.limits[at] = Nearness(point.value).limit(view.projection);
+            self.owners[at] = point.owner;
+        }
+    }
+
+    /// The owner of each point, and the face that hides it, or [`OPEN`].
+    pub fn answers(&self) -> impl Iterator<Item = (u32, u32)> + '_ {
+        let count = self.starts.last().map_or(0, |&end| end as usize);
+        self.owners[..count].iter().copied().zip(self.hidden_by.iter().copied())
+    }
+
+    /// Whether a box has a point that something no nearer than `word` could hide.
+    fn matter(&self, area: &PixelBox, word: u64) -> bool {
+        let columns = area.x.start / TILE..(area.x.end - 1) / TILE + 1;
+        (area.y.start / TILE..(area.y.end - 1) / TILE + 1).any(|row| {
+            self.deepest[row * self.columns..][columns.clone()].iter().any(|&deepest| deepest <= word)
+        })
+    }
+
+    /// The points in a run of pixels.
+    #[inline(always)]
+    fn run(&self, y: usize, columns: &std::ops::Range<usize>) -> std::ops::Range<usize> {
+        let row = y * self.width;
+        self.starts[row + columns.start] as usize..self.starts[row + columns.end] as usize
+    }
+
+    /// Whether a box has a point.
+    #[inline(always)]
+    fn any(&self, area: &PixelBox) -> bool {
+        area.y.clone().any(|y| !self.run(y, &area.x).is_empty())
+    }
+}
+
+/// What a thread keeps for the passes.
+pub struct Pass {
+    projected: Box<Projected>,
+    chosen: Box<List>,
+    stack: Vec<Stop>,
+}
+
+impl Default for Pass {
+    fn default() -> Self {
+        Self { projected: Box::default(), chosen: Box::new(List::EMPTY), stack: Vec::new() }
+    }
+}
+
+impl Pass {
+    /// Finds out which points the faces of `clusters` hide.
+    pub fn run(&mut self, view: &View, clusters: &Clusters, points: &mut Points) {
+        let set = InstructionSet::best();
+        match view.projection {
+            Projection::Perspective => set.run(Hide::<true> { pass: self, view, clusters, points }),
+            Projection::Orthographic => set.run(Hide::<false> { pass: self, view, clusters, points }),
+        }
+    }
+}
+
+/// [`Pass::run`] as a kernel.
+struct Hide<'a, const PERSPECTIVE: bool> {
+    pass: &'a mut Pass,
+    view: &'a View,
+    clusters: &'a Clusters,
+    points: &'a mut Points,
+}
+
+impl<const PERSPECTIVE: bool> Kernel for Hide<'_, PERSPECTIVE> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self) {
+        let Self { pass, view, clusters, points } = self;
+        let Pass { projected, chosen, stack } = pass;
+        let mut hiding = Hiding::<PERSPECTIVE> { view, clusters, points, projected, chosen };
+        walk::<L>(view, clusters, &(0..view.height), HALF_PIXEL, stack, &mut hiding);
+    }
+}
+
+struct Hiding<'a, const PERSPECTIVE: bool> {
+    view: &'a View,
+    clusters: &'a Clusters,
+    points: &'a mut Points,
+    projected: &'a mut Projected,
+    chosen: &'a mut List,
+}
+
+impl<L: Lanes, const PERSPECTIVE: bool> Visitor<L> for Hiding<'_, PERSPECTIVE> {
+    #[inline(always)]
+    fn skips(&mut self, stop: &Stop) -> bool {
+        !self.points.matter(&stop.area, stop.nearest)
+    }
+
+    #[inline(always)]
+    fn visit(&mut self, cluster: u32, stop: &Stop) {
+        let Self { view, points, projected, chosen, .. } = self;
+        let cluster = self.clusters.cluster(cluster);
+        projected.project::<L, PERSPECTIVE>(view, &cluster, HALF_PIXEL);
+        projected.sort::<L>(&cluster, &stop.area, i16::MAX);
+        chosen.count = 0;
+        for entry in 0..projected.small.count {
+            if points.any(&projected.small.area(entry)) {
+                chosen.copy(&projected.small, entry);
+            }
+        }
+        for at in (0..chosen.count).step_by(L::COUNT) {
+            let lot = Lot::new::<L, PERSPECTIVE>(projected, chosen, at);
+            for lane in 0..(chosen.count - at).min(L::COUNT) {
+                if lot.good >> lane & 1 == 1 {
+                    let area = chosen.area(at + lane);
+                    hide::<L, PERSPECTIVE>(view, &lot, lane, chosen.ids[at + lane], &area, points);
+                }
+            }
+        }
+        for entry in 0..projected.straddling.count {
+            let corners = projected.corners(projected.straddling.corners[entry]);
+            if let Some(area) = pixel_box(view, &corners, &(0..view.height), HALF_PIXEL)
+                && let Some(triangle) = Triangle::new(view, &corners)
+            {
+                let lot = Lot::of(&triangle);
+                hide::<L, PERSPECTIVE>(view, &lot, 0, projected.straddling.ids[entry], &area, points);
+            }
+        }
+    }
+}
+
+/// Tests a face against the points in its box.
+#[inline(always)]
+fn hide<L: Lanes, const PERSPECTIVE: bool>(
+    view: &View,
+    lot: &Lot,
+    lane: usize,
+    id: u32,
+    area: &PixelBox,
+    points: &mut Points,
+) {
+    let Lot { edges, least, plane, range, .. } = lot;
+    let seen = view.seen();
+    for y in area.y.clone() {
+        let run = points.run(y, &area.x);
+        for first in run.clone().step_by(L::COUNT) {
+            let count = (run.end - first).min(L::COUNT);
+            // SAFETY: the arrays are padded by the lanes of any register.
+            let (x, y, limit) = unsafe {
+                let arrays = [&points.x[first..], &points.y[first..], &points.limits[first..]];
+                (L::load(arrays[0].as_ptr()), L::load(arrays[1].as_ptr()), L::load(arrays[2].as_ptr()))
+            };
+            let mut mask = L::mask((1 << count) - 1);
+            for edge in 0..3 {
+                let value = plane_at(&edges[edge], lane, x, y);
+                mask = L::and(mask, value.ge(L::splat(least[edge][lane])));
+            }
+            let value =
+                plane_at(plane, lane, x, y).max(L::splat(range[0][lane])).min(L::splat(range[1][lane]));
+            mask = L::and(mask, L::and(value.ge(L::splat(seen[0])), L::splat(seen[1]).ge(value)));
+            let before = if PERSPECTIVE { value.gt(limit) } else { limit.gt(value) };
+            let mut hidden = L::bits(L::and(mask, before));
+            while hidden != 0 {
+                points.hidden_by[first + hidden.trailing_zeros() as usize] = id;
+                hidden &= hidden - 1;
+            }
+        }
+    }
+}
+
+/// A plane over the image at some positions, as [`Triangle::hit`] takes it at one.
+#[inline(always)]
+fn plane_at<L: Lanes>(plane: &[[f64; MOST_LANES]; 3], lane: usize, x: L, y: L) -> L {
+    let constant = L::splat(plane[1][lane]).mul(y).add(L::splat(plane[2][lane]));
+    L::splat(plane[0][lane]).mul(x).add(constant)
+}
