@@ -36,7 +36,7 @@ class Mesh:
         progress: object = None,
         rings: int = 1,
         supersampling: int = 3,
-        points: int = 32,
+        points: int = 12,
     ) -> None: ...
     def shade(
         self,

@@ -144,7 +144,7 @@ class Scene:
         *,
         rings: int = 1,
         supersampling: int = 3,
-        points: int = 32,
+        points: int = 12,
         engine: Engine = "auto",
         known: Bitfields | npt.NDArray[np.uint64] | None = None,
         out: npt.NDArray[np.uint64] | None = None,

@@ -154,7 +154,7 @@ impl PyMesh {
     }
 
     /// Sets in each of `rows` the faces that its camera sees.
-    #[pyo3(signature = (cameras, rows, fill=None, engine="auto", threads=None, progress=None, rings=1, supersampling=3, points=32))]
+    #[pyo3(signature = (cameras, rows, fill=None, engine="auto", threads=None, progress=None, rings=1, supersampling=3, points=12))]
     #[expect(clippy::too_many_arguments, reason = "one keyword each in Python")]
     fn visible(
         &self,

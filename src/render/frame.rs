@@ -55,6 +55,12 @@ impl Frame {
         &self.samples[y * self.stride..][..self.width]
     }
 
+    /// The samples of a row, to be written.
+    #[inline]
+    pub fn row_mut(&mut self, y: usize) -> &mut [u64] {
+        &mut self.samples[y * self.stride..][..self.width]
+    }
+
     /// The samples, row by row.
     pub fn rows(&self) -> impl Iterator<Item = &[u64]> {
         self.samples.chunks_exact(self.stride.max(1)).map(|row| &row[..self.width])

@@ -57,6 +57,12 @@ impl Pyramid {
         }
     }
 
+    /// Bounds of a band in which something is drawn.
+    pub fn read(&mut self, band: &Band<'_>) {
+        self.clear(band);
+        self.touch(&PixelBox { x: 0..band.width, y: band.rows.clone() });
+    }
+
     /// Says that something was drawn within a box.
     pub fn touch(&mut self, area: &PixelBox) {
         if area.x.is_empty() || area.y.is_empty() {

@@ -19,12 +19,12 @@ pub fn row_words(faces: usize) -> usize {
 }
 
 #[inline]
-fn set(row: &mut [u64], face: u32) {
+pub(super) fn set(row: &mut [u64], face: u32) {
     row[face as usize / 64] |= 1 << (face % 64);
 }
 
 #[inline]
-fn is_set(row: &[u64], face: u32) -> bool {
+pub(super) fn is_set(row: &[u64], face: u32) -> bool {
     row[face as usize / 64] >> (face % 64) & 1 == 1
 }
 
@@ -114,13 +114,13 @@ fn look(
     scratch: &mut Scratch,
 ) -> Result<(), Error> {
     let Scratch { frame, painter, seen, confirm } = scratch;
-    let view = &match fill {
-        Fill::Rays(rays) => View::new(scene.mesh(), &camera.supersampled(rays.supersampling)),
-        Fill::Bare | Fill::Neighbours { .. } => View::new(scene.mesh(), camera),
+    let mut draw = |view: &View, frame: &mut Frame, row: &mut [u64]| {
+        frame.clear(view.width, view.height);
+        scene.draw_band(view, engine, painter, &mut frame.whole());
+        seen.collect(frame, scene.mesh().faces().len(), row);
     };
-    frame.clear(view.width, view.height);
-    scene.draw_band(view, engine, painter, &mut frame.whole());
-    seen.collect(frame, scene.mesh().faces().len(), row);
+    let view = &View::new(scene.mesh(), camera);
+    draw(view, frame, row);
     match fill {
         Fill::Bare => {}
         Fill::Neighbours { rings } => {
@@ -135,12 +135,7 @@ fn look(
             }
         }
         Fill::Rays(rays) => {
-            let (known, mut found) = (row.to_vec(), Vec::new());
-            let is_known = |face| is_set(&known, face);
-            confirm.look(scene, view, frame, rays.points, is_known, |face| found.push(face));
-            for face in found {
-                set(row, face);
-            }
+            confirm.look(scene, camera, rays, frame, row, draw);
         }
     }
     for face in scene.transparent_faces() {

@@ -1,6 +1,5 @@
 //! The faces that may be seen though the picture does not show them.
 
-use super::solid::Solid;
 use crate::camera::Projection;
 use crate::render::clusters::Clusters;
 use crate::render::frame::Band;
@@ -10,6 +9,7 @@ use crate::render::raster::cluster::Projected;
 use crate::render::raster::walk::{Stop, Visitor, walk};
 use crate::render::triangle::Nearness;
 use crate::render::view::{Vertex, View};
+use std::ops::Range;
 
 /// How far beyond its corners a face's box reaches, so that it has the samples around it.
 const RING: f64 = 1.0;
@@ -19,8 +19,6 @@ const RING: f64 = 1.0;
 pub struct Candidates {
     pub ids: Vec<u32>,
     corners: Vec<[Vertex; 3]>,
-    /// The samples in and around each; none where a corner lies at or behind the eye's plane.
-    areas: Vec<Option<PixelBox>>,
     /// What the last round's points say of each: hidden by a face, open, or nothing.
     pub hiders: Vec<Option<u32>>,
     projected: Box<Projected>,
@@ -33,15 +31,13 @@ impl Candidates {
         &mut self,
         view: &View,
         clusters: &Clusters,
-        solid: &Solid,
         pyramid: &mut Pyramid,
         band: &Band<'_>,
         known: impl Fn(u32) -> bool,
     ) {
         self.ids.clear();
         self.corners.clear();
-        self.areas.clear();
-        let gather = Gather { candidates: self, view, clusters, solid, pyramid, band, known };
+        let gather = Gather { candidates: self, view, clusters, pyramid, band, known };
         InstructionSet::best().run(gather);
     }
 
@@ -53,10 +49,6 @@ impl Candidates {
         self.corners[index]
     }
 
-    pub fn area(&self, index: usize) -> Option<&PixelBox> {
-        self.areas[index].as_ref()
-    }
-
     /// Keeps the candidates that pass, asked with their id, corners and hider.
     pub fn retain(&mut self, mut keep: impl FnMut(u32, &[Vertex; 3], Option<u32>) -> bool) {
         let mut count = 0;
@@ -64,13 +56,11 @@ impl Candidates {
             if keep(self.ids[index], &self.corners[index], self.hiders[index]) {
                 self.ids.swap(count, index);
                 self.corners.swap(count, index);
-                self.areas.swap(count, index);
                 count += 1;
             }
         }
         self.ids.truncate(count);
         self.corners.truncate(count);
-        self.areas.truncate(count);
     }
 }
 
@@ -90,7 +80,6 @@ struct Gather<'a, 'b, K: Fn(u32) -> bool> {
     candidates: &'a mut Candidates,
     view: &'a View,
     clusters: &'a Clusters,
-    solid: &'a Solid,
     pyramid: &'a mut Pyramid,
     band: &'a Band<'b>,
     known: K,
@@ -111,7 +100,7 @@ impl<K: Fn(u32) -> bool> Kernel for Gather<'_, '_, K> {
 impl<L: Lanes, K: Fn(u32) -> bool> Visitor<L> for Gather<'_, '_, K> {
     #[inline(always)]
     fn skips(&mut self, stop: &Stop) -> bool {
-        !stop.straddles && self.solid.hides(self.pyramid, self.band, self.view, &stop.area, stop.nearest)
+        !stop.straddles && hides(self.pyramid, self.band, self.view, &stop.area, stop.nearest)
     }
 
     #[inline(always)]
@@ -121,7 +110,7 @@ impl<L: Lanes, K: Fn(u32) -> bool> Visitor<L> for Gather<'_, '_, K> {
         if cluster.ids.iter().all(|&id| (self.known)(id)) {
             return;
         }
-        let Candidates { ids, corners, areas, projected, .. } = &mut *self.candidates;
+        let Candidates { ids, corners, projected, .. } = &mut *self.candidates;
         match view.projection {
             Projection::Perspective => projected.project::<L, true>(view, &cluster, RING),
             Projection::Orthographic => projected.project::<L, false>(view, &cluster, RING),
@@ -134,10 +123,9 @@ impl<L: Lanes, K: Fn(u32) -> bool> Visitor<L> for Gather<'_, '_, K> {
             }
             let (area, face) =
                 (projected.small.area(entry), projected.corners(projected.small.corners[entry]));
-            if !self.solid.hides(self.pyramid, self.band, view, &area, nearest(view, &face)) {
+            if !hides(self.pyramid, self.band, view, &area, nearest(view, &face)) {
                 ids.push(id);
                 corners.push(face);
-                areas.push(Some(area));
             }
         }
         for entry in 0..projected.straddling.count {
@@ -145,8 +133,30 @@ impl<L: Lanes, K: Fn(u32) -> bool> Visitor<L> for Gather<'_, '_, K> {
             if !(self.known)(id) {
                 ids.push(id);
                 corners.push(projected.corners(projected.straddling.corners[entry]));
-                areas.push(None);
             }
         }
     }
+}
+
+/// Boxes of up to this many samples are read sample by sample where their tiles leave it open.
+const SMALL_BOX: usize = 64;
+
+/// Whether all samples in and around something are nearer than it.
+#[inline(always)]
+fn hides(pyramid: &mut Pyramid, band: &Band<'_>, view: &View, area: &PixelBox, word: u64) -> bool {
+    if in_border(&area.x, view.width) || in_border(&area.y, view.height) {
+        return false;
+    }
+    pyramid.all_greater(band, area, word)
+        || area.x.len() * area.y.len() <= SMALL_BOX
+            && area
+                .y
+                .clone()
+                .all(|y| band.samples[y * band.stride..][area.x.clone()].iter().all(|&sample| sample > word))
+}
+
+/// Whether part of a range of samples may lie outside the outermost samples and little of it between them: of what
+/// is in the strip along the image's border the picture shows one side only.
+fn in_border(range: &Range<usize>, size: usize) -> bool {
+    (range.start == 0 || range.end == size) && range.len() <= 2
 }

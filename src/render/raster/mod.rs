@@ -28,19 +28,25 @@ pub struct Painter {
 }
 
 impl Painter {
-    /// Draws the faces of `clusters` into a band of a frame that is clear; each sample keeps the
-    /// nearest.
+    /// Draws the faces of `clusters` into a band of a frame that is clear; each sample keeps the nearest.
     ///
     /// The result depends neither on the order of the faces nor on the machine: all instruction sets give the same
     /// bits.
     pub fn draw(&mut self, set: InstructionSet, view: &View, clusters: &Clusters, band: &mut Band<'_>) {
+        self.pyramid.clear(band);
+        self.draw_behind(set, view, clusters, band);
+    }
+
+    /// [`draw`](Self::draw) into a band in which something is drawn.
+    pub fn draw_over(&mut self, set: InstructionSet, view: &View, clusters: &Clusters, band: &mut Band<'_>) {
+        self.pyramid.read(band);
+        self.draw_behind(set, view, clusters, band);
+    }
+
+    fn draw_behind(&mut self, set: InstructionSet, view: &View, clusters: &Clusters, band: &mut Band<'_>) {
         match view.projection {
-            Projection::Perspective => {
-                set.run(Draw::<true> { painter: self, view, clusters, band });
-            }
-            Projection::Orthographic => {
-                set.run(Draw::<false> { painter: self, view, clusters, band });
-            }
+            Projection::Perspective => set.run(Draw::<true> { painter: self, view, clusters, band }),
+            Projection::Orthographic => set.run(Draw::<false> { painter: self, view, clusters, band }),
         }
     }
 }
@@ -60,7 +66,6 @@ impl<const PERSPECTIVE: bool> Kernel for Draw<'_, '_, PERSPECTIVE> {
     fn run<L: Lanes>(self) {
         let Self { painter, view, clusters, band } = self;
         let Painter { pyramid, projected, hits, stack } = painter;
-        pyramid.clear(band);
         let rows = band.rows.clone();
         let mut drawing = Drawing::<PERSPECTIVE> { view, clusters, band, pyramid, projected, hits };
         walk::<L>(view, clusters, &rows, 0.0, stack, &mut drawing);
