@@ -67,9 +67,9 @@ def race(subject: cyc.Scene, cameras: list[cyc.Camera], rounds: int, threads: in
 def main() -> None:
     chosen = options(
         __doc__,
-        sides=[16, 64, 256, 1024],
+        sides=[16, 32, 64, 128, 256, 1024],
         names=["bunny", "kitchen", "bamboo_truss"],
-        views=4,
+        views=16,
         rounds=5,
         threads=cores(),
     )

@@ -9,6 +9,7 @@
 pub mod beam;
 pub mod clusters;
 pub mod confirm;
+pub mod cost;
 pub mod frame;
 pub mod lanes;
 pub mod neighbours;

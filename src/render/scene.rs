@@ -1,6 +1,7 @@
 //! A mesh ready to be looked at: which faces hide others, and a hierarchy built when first needed.
 
 use super::clusters::Clusters;
+use super::cost::{self, Costs};
 use super::frame::{Band, Frame};
 use super::lanes::InstructionSet;
 use super::raster::Painter;
@@ -12,6 +13,7 @@ use crate::error::Error;
 use crate::mesh::Mesh;
 use rayon::prelude::*;
 use std::sync::OnceLock;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// How an id-buffer is made. Both ways give the same bits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -31,6 +33,8 @@ pub struct Scene {
     clusters: OnceLock<Clusters>,
     hierarchy: OnceLock<Hierarchy>,
     adjacency: OnceLock<Csr>,
+    /// Nanoseconds that a hierarchy is expected to have saved, had it been there.
+    regret: AtomicU64,
 }
 
 /// Some faces, as the engine that draws them wants them.
@@ -38,12 +42,6 @@ enum Listed {
     Clusters(Clusters),
     Mask(Vec<bool>),
 }
-
-/// Faces a pixel from which on casting rays is cheaper than walking the faces.
-///
-/// Measured at 510 x 480 with AVX-512, one thread: a face costs the rasteriser 45 to 115 ns, a ray the caster 100 ns (a
-/// kitchen) to 980 ns (a tangle of 4 million triangles, where both took the same time, at 16 faces a pixel).
-const BREAK_EVEN: usize = 16;
 
 impl Scene {
     /// # Errors
@@ -64,6 +62,7 @@ impl Scene {
             clusters: OnceLock::new(),
             hierarchy: OnceLock::new(),
             adjacency: OnceLock::new(),
+            regret: AtomicU64::new(0),
         })
     }
 
@@ -90,6 +89,11 @@ impl Scene {
     /// The hierarchy over all faces, built at the first call.
     pub fn hierarchy(&self) -> &Hierarchy {
         self.hierarchy.get_or_init(|| Hierarchy::new(&self.mesh))
+    }
+
+    /// Whether the hierarchy is there already.
+    pub fn has_hierarchy(&self) -> bool {
+        self.hierarchy.get().is_some()
     }
 
     /// The opaque faces, ascending.
@@ -128,10 +132,20 @@ impl Scene {
             return Err(Error::Invalid(format!("faces[{index}] is {id}, the scene has {count} faces")));
         }
         let view = View::new(&self.mesh, camera);
+        // What the threads share is made before they start.
+        if only.is_none() {
+            self.prepare(engine);
+        }
         let listed = only.map(|ids| {
-            if self.rasterises(engine, ids.len(), &view) {
+            let casts = match engine {
+                Engine::Raster => false,
+                Engine::Raycast => true,
+                Engine::Auto => self.has_hierarchy() && cost::beats_gathering(&view, ids.len()),
+            };
+            if !casts {
                 Listed::Clusters(Clusters::new(&self.mesh, ids.iter().copied()))
             } else {
+                self.hierarchy();
                 let mut mask = vec![false; count];
                 for &id in ids {
                     mask[id as usize] = true;
@@ -159,20 +173,49 @@ impl Scene {
         Ok((view, frame))
     }
 
-    /// Draws all opaque faces into a band that is clear.
-    pub fn draw_band(&self, view: &View, engine: Engine, painter: &mut Painter, band: &mut Band<'_>) {
-        if self.rasterises(engine, self.mesh.faces().len(), view) {
-            painter.draw(InstructionSet::best(), view, self.clusters(), band);
-        } else {
-            raycast::cast(self.hierarchy(), view, &self.mesh, |face| self.is_opaque(face), band);
+    /// Makes what drawing all opaque faces will need, unless it is there; to be called before threads draw.
+    ///
+    /// [`Engine::Auto`] always has its clusters. The hierarchy takes longer to build than many views save by it, so it is
+    /// built once the views drawn so far would have saved as much: at worst both together cost twice the better.
+    pub fn prepare(&self, engine: Engine) {
+        let casts = match engine {
+            Engine::Raster => false,
+            Engine::Raycast => true,
+            Engine::Auto => {
+                let regret = self.regret.load(Ordering::Relaxed) as f64;
+                regret > 0.0 && regret > Costs::here().build * self.mesh.faces().len() as f64
+            }
+        };
+        if engine != Engine::Raycast {
+            self.clusters();
+        }
+        if casts {
+            self.hierarchy();
         }
     }
 
-    fn rasterises(&self, engine: Engine, faces: usize, view: &View) -> bool {
+    /// Draws all opaque faces into a band that is clear.
+    pub fn draw_band(&self, view: &View, engine: Engine, painter: &mut Painter, band: &mut Band<'_>) {
+        if self.casts(engine, view, band) {
+            raycast::cast(self.hierarchy(), view, &self.mesh, |face| self.is_opaque(face), band);
+        } else {
+            painter.draw(InstructionSet::best(), view, self.clusters(), band);
+        }
+    }
+
+    fn casts(&self, engine: Engine, view: &View, band: &Band<'_>) -> bool {
         match engine {
-            Engine::Raster => true,
-            Engine::Raycast => false,
-            Engine::Auto => faces < BREAK_EVEN * view.width * view.height,
+            Engine::Raster => false,
+            Engine::Raycast => true,
+            Engine::Auto => {
+                let saving = cost::saving(view, self.clusters());
+                if saving > 0.0 && !self.has_hierarchy() {
+                    let share = band.rows.len() as f64 / view.height as f64;
+                    self.regret.fetch_add((saving * share) as u64, Ordering::Relaxed);
+                    return false;
+                }
+                saving > 0.0
+            }
         }
     }
 }
