@@ -47,7 +47,7 @@ pub struct Place {
     pub nearest: f32,
 }
 
-/// A linear function of points for each of four lanes, over boxes: the halves of its coefficients, as boxes are given by
+/// Linear functions of points, one in each of four lanes, over boxes: the halves of its coefficients, as boxes are given by
 /// twice their centres.
 #[derive(Debug, Clone, Copy)]
 struct Functions {
@@ -58,13 +58,16 @@ struct Functions {
 }
 
 impl Functions {
-    /// `None` if float32 can't hold them.
-    fn new(columns: [DVec4; 3], offset: DVec4) -> Option<Self> {
+    /// Where float32 can't hold them, functions that may have any value anywhere.
+    fn new(columns: [DVec4; 3], offset: DVec4) -> Self {
         let size = columns.iter().fold(offset.abs(), |sum, column| sum + column.abs());
-        let fits = size.to_array().iter().all(|size| FIT.contains(size));
+        if !size.to_array().iter().all(|size| FIT.contains(size)) {
+            let zero = [Vec4::ZERO; 3];
+            return Self { columns: zero, sizes: zero, offset: Vec4::ZERO, slack: Vec4::INFINITY };
+        }
         let columns = columns.map(|column| (0.5 * column).as_vec4());
         let slack = (ROUNDING * size).as_vec4();
-        fits.then(|| Self { columns, sizes: columns.map(Vec4::abs), offset: offset.as_vec4(), slack })
+        Self { columns, sizes: columns.map(Vec4::abs), offset: offset.as_vec4(), slack }
     }
 
     /// The least and greatest values over a box.
@@ -110,8 +113,8 @@ pub struct Beam<'a> {
 }
 
 impl<'a> Beam<'a> {
-    /// The rays of the tile whose first pixel is `left`, `top`, in an image that ends before row `bottom`; `None` if float32 can't hold its coordinates.
-    pub fn new(view: &'a View, left: usize, top: usize, bottom: usize) -> Option<Self> {
+    /// The rays of the tile whose first pixel is `left`, `top`, in a band that ends before row `bottom`.
+    pub fn new(view: &'a View, left: usize, top: usize, bottom: usize) -> Self {
         let middle = |first: f64| first + f64::from(MIDDLE);
         let (x, y) = (middle(view.column(left)), middle(view.row(top)));
         let reach = 2.0 * view.axis.abs().element_sum();
@@ -135,8 +138,8 @@ impl<'a> Beam<'a> {
             coordinates: Functions::new(
                 [0, 1, 2].map(|axis| coordinates(m[axis], view.axis[axis])),
                 coordinates(view.offset, view.distance - base),
-            )?,
-            sides: Functions::new(m.map(sides), sides(view.offset))?,
+            ),
+            sides: Functions::new(m.map(sides), sides(view.offset)),
             points: [
                 point(m[0], view.axis.x),
                 point(m[1], view.axis.y),
@@ -154,7 +157,7 @@ impl<'a> Beam<'a> {
         for row in &mut beam.ends[..rows] {
             row[..columns].fill(f32::INFINITY);
         }
-        Some(beam)
+        beam
     }
 
     /// Where a box is, if a ray may meet it.

@@ -9,7 +9,7 @@ use super::clusters::{Child, Clusters, Node, WIDTH};
 use super::frame::Frame;
 use super::lanes::InstructionSet;
 use super::raster::Painter;
-use super::raycast::{Hierarchy, cast};
+use super::raycast::{Hierarchy, apart, cast};
 use super::view::View;
 use crate::camera::{Camera, Projection};
 use crate::mesh::Mesh;
@@ -44,16 +44,7 @@ impl Costs {
     /// This machine's, measured at the first call, which takes some milliseconds.
     pub fn here() -> Self {
         static HERE: OnceLock<Costs> = OnceLock::new();
-        *HERE.get_or_init(|| {
-            // In a thread of its own with a pool of its own: a worker of the caller's pool that waits for the builders
-            // would take up other work, which may ask for the costs again.
-            let measured = std::thread::Builder::new().spawn(|| {
-                let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().ok()?;
-                Some(pool.install(measure))
-            });
-            let measured = measured.ok().and_then(|thread| thread.join().ok()).flatten();
-            measured.unwrap_or(REFERENCE)
-        })
+        *HERE.get_or_init(|| apart(1, measure))
     }
 
     /// What casting is expected to take, over drawing `crowd` faces in the frustum to a pixel.
