@@ -1,9 +1,10 @@
 //! The faces that may be seen though the picture does not show them.
 
+use super::points::OPEN;
 use crate::camera::Projection;
 use crate::render::clusters::Clusters;
 use crate::render::frame::Band;
-use crate::render::lanes::{InstructionSet, Kernel, Lanes};
+use crate::render::lanes::{InstructionSet, Kernel, Lanes, MOST_LANES};
 use crate::render::pyramid::{PixelBox, Pyramid};
 use crate::render::raster::cluster::Projected;
 use crate::render::raster::walk::{Stop, Visitor, walk};
@@ -17,10 +18,11 @@ const RING: f64 = 1.0;
 /// Faces to be tested.
 #[derive(Default)]
 pub struct Candidates {
-    pub ids: Vec<u32>,
+    ids: Vec<u32>,
+    /// Padded by a register's worth.
     corners: Vec<[Vertex; 3]>,
     /// What the last round's points say of each: hidden by a face, open, or nothing.
-    pub hiders: Vec<Option<u32>>,
+    hiders: Vec<Option<u32>>,
     projected: Box<Projected>,
     stack: Vec<Stop>,
 }
@@ -39,28 +41,65 @@ impl Candidates {
         self.corners.clear();
         let gather = Gather { candidates: self, view, clusters, pyramid, band, known };
         InstructionSet::best().run(gather);
+        self.pad();
     }
 
     pub fn len(&self) -> usize {
         self.ids.len()
     }
 
-    pub fn corners(&self, index: usize) -> [Vertex; 3] {
-        self.corners[index]
+    pub fn corners(&self, index: usize) -> &[Vertex; 3] {
+        &self.corners[index]
     }
 
-    /// Keeps the candidates that pass, asked with their id, corners and hider.
-    pub fn retain(&mut self, mut keep: impl FnMut(u32, &[Vertex; 3], Option<u32>) -> bool) {
+    /// The corners of a candidate and, a register's worth of faces, of what follows it.
+    pub fn vertices_from(&self, index: usize) -> *const Vertex {
+        self.corners[index..index + MOST_LANES].as_ptr().cast()
+    }
+
+    /// Tells of the candidates that have an open point, and keeps the others; `answers` are the candidate of each
+    /// point and the face that hides it, or [`OPEN`].
+    pub fn judge(&mut self, answers: impl Iterator<Item = (u32, u32)>, mut found: impl FnMut(u32)) {
+        self.hiders.clear();
+        self.hiders.resize(self.ids.len(), None);
+        for (owner, hider) in answers {
+            let known = &mut self.hiders[owner as usize];
+            if *known != Some(OPEN) {
+                *known = Some(hider);
+            }
+        }
+        self.retain_by(|id, _, hider| {
+            if hider == Some(OPEN) {
+                found(id);
+            }
+            hider != Some(OPEN)
+        });
+    }
+
+    /// Keeps the candidates that pass, asked with their corners and a face that hides a point of theirs.
+    pub fn retain(&mut self, mut keep: impl FnMut(&[Vertex; 3], Option<u32>) -> bool) {
+        self.retain_by(|_, corners, hider| keep(corners, hider));
+    }
+
+    fn retain_by(&mut self, mut keep: impl FnMut(u32, &[Vertex; 3], Option<u32>) -> bool) {
         let mut count = 0;
         for index in 0..self.ids.len() {
             if keep(self.ids[index], &self.corners[index], self.hiders[index]) {
-                self.ids.swap(count, index);
-                self.corners.swap(count, index);
+                self.ids[count] = self.ids[index];
+                self.corners[count] = self.corners[index];
+                self.hiders[count] = self.hiders[index];
                 count += 1;
             }
         }
         self.ids.truncate(count);
-        self.corners.truncate(count);
+        self.hiders.truncate(count);
+        self.pad();
+    }
+
+    /// Puts a register's worth of no faces after the last.
+    fn pad(&mut self) {
+        self.corners.truncate(self.ids.len());
+        self.corners.resize(self.ids.len() + MOST_LANES, [Vertex::default(); 3]);
     }
 }
 

@@ -1,10 +1,11 @@
 //! Points on faces, and which of them something hides: an id-buffer whose samples lie wherever they are wanted.
 //!
-//! The points are sorted into the pixels that they lie in, and all faces that may hide one are tested against those in
-//! the pixels of their boxes (the irregular z-buffer of Johnson, Lee, Burns and Mark, "The irregular z-buffer", 2005,
+//! The points are sorted by where on the image they lie, and all faces that may hide one are tested against those in
+//! their boxes (the irregular z-buffer of Johnson, Lee, Burns and Mark, "The irregular z-buffer", 2005,
 //! and of Aila and Laine, "Alias-free shadow maps", 2004). The arithmetic is that of the id-buffer, so a point that
 //! nothing hides proves its face visible.
 
+use super::candidates::nearest;
 use crate::camera::Projection;
 use crate::render::clusters::Clusters;
 use crate::render::frame::TILE;
@@ -16,6 +17,7 @@ use crate::render::raster::pixel_box;
 use crate::render::raster::walk::{Stop, Visitor, walk};
 use crate::render::triangle::{Nearness, Triangle};
 use crate::render::view::View;
+use std::ops::Range;
 
 /// A point of a face.
 #[derive(Debug, Clone, Copy)]
@@ -35,11 +37,15 @@ pub const OPEN: u32 = u32::MAX;
 /// How far beyond its corners a face's box reaches, so that it has the pixels of all points on it.
 const HALF_PIXEL: f64 = 0.5;
 
-/// Points, sorted by pixel.
+/// Points are sorted into cells one pixel wide and so many high: those in a face's box are then in few runs, most of
+/// them as long as a register.
+const STRIP: usize = 4;
+
+/// Points, sorted by cell.
 #[derive(Debug, Default)]
 pub struct Points {
     width: usize,
-    /// Where each pixel's points begin; one entry more.
+    /// Where each cell's points begin; one entry more.
     starts: Vec<u32>,
     x: Vec<f64>,
     y: Vec<f64>,
@@ -48,9 +54,14 @@ pub struct Points {
     owners: Vec<u32>,
     /// A face that hides each, or [`OPEN`].
     hidden_by: Vec<u32>,
-    /// For each tile a word that none of its points' is less than.
+    /// The nearness of each, as a key; the greatest once something hides it.
+    keys: Vec<u64>,
+    /// For each tile a key that none of its open points' is less than.
     deepest: Vec<u64>,
+    /// Tiles in which a point was hidden since.
+    stale: Vec<bool>,
     columns: usize,
+    strips: usize,
 }
 
 impl Points {
@@ -58,19 +69,21 @@ impl Points {
     pub fn sort(&mut self, view: &View, points: &[Point]) {
         self.width = view.width;
         self.columns = view.width.div_ceil(TILE);
+        self.strips = view.height.div_ceil(STRIP);
         self.deepest.clear();
         self.deepest.resize(self.columns * view.height.div_ceil(TILE), u64::MAX);
+        self.stale.clear();
+        self.stale.resize(self.deepest.len(), true);
         self.starts.clear();
-        self.starts.resize(view.width * view.height + 1, 0);
+        self.starts.resize(view.width * view.height.div_ceil(STRIP) + 1, 0);
         let pixel = |point: &Point| {
             let at = |position: f64, size: usize| ((position + 0.5 * size as f64) as usize).min(size - 1);
             (at(point.x, view.width), at(point.y, view.height))
         };
         for point in points {
             let (x, y) = pixel(point);
-            self.starts[y * view.width + x] += 1;
-            let tile = &mut self.deepest[y / TILE * self.columns + x / TILE];
-            *tile = Nearness(point.value).key(view.projection).min(*tile);
+            self.starts[y / STRIP * view.width + x] += 1;
+            self.deepest[y / TILE * self.columns + x / TILE] = 0;
         }
         let mut sum = 0;
         for start in &mut self.starts {
@@ -82,17 +95,19 @@ impl Points {
             array.resize(room, 0.0);
         }
         self.owners.resize(room, 0);
+        self.keys.resize(room, u64::MAX);
         self.hidden_by.clear();
         self.hidden_by.resize(room, OPEN);
-        // From the last, so that each pixel's points keep their order.
+        // From the last, so that each cell's points keep their order.
         for point in points.iter().rev() {
             let (x, y) = pixel(point);
-            let start = &mut self.starts[y * view.width + x];
+            let start = &mut self.starts[y / STRIP * view.width + x];
             *start -= 1;
             let at = *start as usize;
             (self.x[at], self.y[at]) = (point.x, point.y);
             self.limits[at] = Nearness(point.value).limit(view.projection);
             self.owners[at] = point.owner;
+            self.keys[at] = Nearness(point.value).key(view.projection);
         }
     }
 
@@ -102,25 +117,58 @@ impl Points {
         self.owners[..count].iter().copied().zip(self.hidden_by.iter().copied())
     }
 
-    /// Whether a box has a point that something no nearer than `word` could hide.
-    fn matter(&self, area: &PixelBox, word: u64) -> bool {
-        let columns = area.x.start / TILE..(area.x.end - 1) / TILE + 1;
-        (area.y.start / TILE..(area.y.end - 1) / TILE + 1).any(|row| {
-            self.deepest[row * self.columns..][columns.clone()].iter().any(|&deepest| deepest <= word)
-        })
+    /// Whether a box has an open point that something no nearer than `word` could hide.
+    #[inline(always)]
+    fn matter(&mut self, area: &PixelBox, word: u64) -> bool {
+        for row in area.y.start / TILE..(area.y.end - 1) / TILE + 1 {
+            for column in area.x.start / TILE..(area.x.end - 1) / TILE + 1 {
+                let tile = row * self.columns + column;
+                if self.deepest[tile] <= word && (!self.stale[tile] || self.refresh(row, column) <= word) {
+                    return true;
+                }
+            }
+        }
+        false
     }
 
-    /// The points in a run of pixels.
+    /// Finds the deepest open point of a tile.
+    fn refresh(&mut self, row: usize, column: usize) -> u64 {
+        let columns = column * TILE..((column + 1) * TILE).min(self.width);
+        let strips = row * TILE / STRIP..((row + 1) * TILE / STRIP).min(self.strips);
+        let keys = strips.flat_map(|strip| &self.keys[self.run(strip, &columns)]);
+        let deepest = keys.fold(u64::MAX, |least, &key| least.min(key));
+        let tile = row * self.columns + column;
+        self.deepest[tile] = deepest;
+        self.stale[tile] = false;
+        deepest
+    }
+
+    /// Says that points in a box were hidden.
     #[inline(always)]
-    fn run(&self, y: usize, columns: &std::ops::Range<usize>) -> std::ops::Range<usize> {
-        let row = y * self.width;
+    fn touch(&mut self, area: &PixelBox) {
+        for row in area.y.start / TILE..(area.y.end - 1) / TILE + 1 {
+            let row = row * self.columns;
+            self.stale[row + area.x.start / TILE..row + (area.x.end - 1) / TILE + 1].fill(true);
+        }
+    }
+
+    /// The strips that rows lie in.
+    #[inline(always)]
+    fn strips(rows: &Range<usize>) -> Range<usize> {
+        rows.start / STRIP..(rows.end - 1) / STRIP + 1
+    }
+
+    /// The points in some columns of a strip.
+    #[inline(always)]
+    fn run(&self, strip: usize, columns: &Range<usize>) -> Range<usize> {
+        let row = strip * self.width;
         self.starts[row + columns.start] as usize..self.starts[row + columns.end] as usize
     }
 
-    /// Whether a box has a point.
+    /// Whether a box's strips have a point.
     #[inline(always)]
     fn any(&self, area: &PixelBox) -> bool {
-        area.y.clone().any(|y| !self.run(y, &area.x).is_empty())
+        Self::strips(&area.y).any(|strip| !self.run(strip, &area.x).is_empty())
     }
 }
 
@@ -190,8 +238,12 @@ impl<L: Lanes, const PERSPECTIVE: bool> Visitor<L> for Hiding<'_, PERSPECTIVE> {
         projected.sort::<L>(&cluster, &stop.area, i16::MAX);
         chosen.count = 0;
         for entry in 0..projected.small.count {
-            if points.any(&projected.small.area(entry)) {
-                chosen.copy(&projected.small, entry);
+            let area = projected.small.area(entry);
+            if points.any(&area) {
+                let corners = projected.corners(projected.small.corners[entry]);
+                if points.matter(&area, nearest(view, &corners)) {
+                    chosen.copy(&projected.small, entry);
+                }
             }
         }
         for at in (0..chosen.count).step_by(L::COUNT) {
@@ -227,8 +279,9 @@ fn hide<L: Lanes, const PERSPECTIVE: bool>(
 ) {
     let Lot { edges, least, plane, range, .. } = lot;
     let seen = view.seen();
-    for y in area.y.clone() {
-        let run = points.run(y, &area.x);
+    let mut hides_any = false;
+    for strip in Points::strips(&area.y) {
+        let run = points.run(strip, &area.x);
         for first in run.clone().step_by(L::COUNT) {
             let count = (run.end - first).min(L::COUNT);
             // SAFETY: the arrays are padded by the lanes of any register.
@@ -246,11 +299,16 @@ fn hide<L: Lanes, const PERSPECTIVE: bool>(
             mask = L::and(mask, L::and(value.ge(L::splat(seen[0])), L::splat(seen[1]).ge(value)));
             let before = if PERSPECTIVE { value.gt(limit) } else { limit.gt(value) };
             let mut hidden = L::bits(L::and(mask, before));
+            hides_any |= hidden != 0;
             while hidden != 0 {
-                points.hidden_by[first + hidden.trailing_zeros() as usize] = id;
+                let point = first + hidden.trailing_zeros() as usize;
+                (points.hidden_by[point], points.keys[point]) = (id, u64::MAX);
                 hidden &= hidden - 1;
             }
         }
+    }
+    if hides_any {
+        points.touch(area);
     }
 }
 

@@ -2,7 +2,7 @@
 
 pub mod cluster;
 pub mod large;
-mod small;
+pub mod small;
 pub mod walk;
 
 use super::clusters::Clusters;

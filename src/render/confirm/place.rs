@@ -1,0 +1,229 @@
+//! Where on a face points are tested.
+
+use super::candidates::Candidates;
+use super::points::Point;
+use crate::camera::Projection;
+use crate::render::lanes::{Kernel, Lanes, MOST_LANES};
+use crate::render::raster::small::Setup;
+use crate::render::triangle::{Nearness, Triangle};
+use crate::render::view::{Vertex, View};
+use std::ops::Range;
+
+/// A long thin face can show in any of the gaps along it: it gets as many times as many points as its box's longer side
+/// has so many pixels, up to [`MOST_SHARES`] times.
+const SIDE_PER_SHARE: f64 = 3.0;
+const MOST_SHARES: f64 = 8.0;
+
+/// Lists some points of a candidate that lie inside the image; a pixel has so many `samples` a side.
+pub fn place(
+    view: &View,
+    candidates: &Candidates,
+    candidate: usize,
+    points: Range<usize>,
+    samples: f64,
+    list: &mut Vec<Point>,
+) {
+    let corners = candidates.corners(candidate);
+    let Some(triangle) = Triangle::new(view, corners) else { return };
+    let (side, doubled_area) = size(corners);
+    let stretch = (side / (samples * SIDE_PER_SHARE)).clamp(1.0, MOST_SHARES);
+    let first = if doubled_area > THICK * samples * side { INTERIOR } else { 0 };
+    let index = |end: usize| first + (end as f64 * stretch) as usize;
+    for point in index(points.start)..index(points.end) {
+        if let Some([x, y]) = project(view, corners, barycentric(point))
+            && let Some(Nearness(value)) = triangle.hit(x, y)
+        {
+            list.push(Point { x, y, value, owner: candidate as u32 });
+        }
+    }
+}
+
+/// [`place`] of the first `count` points of all candidates, as a kernel.
+pub struct First<'a> {
+    pub view: &'a View,
+    pub candidates: &'a Candidates,
+    pub count: usize,
+    pub samples: f64,
+    pub list: &'a mut Vec<Point>,
+}
+
+impl Kernel for First<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self) {
+        match self.view.projection {
+            Projection::Perspective => self.place::<L, true>(),
+            Projection::Orthographic => self.place::<L, false>(),
+        }
+    }
+}
+
+impl First<'_> {
+    #[inline(always)]
+    fn place<L: Lanes, const PERSPECTIVE: bool>(self) {
+        let Self { view, candidates, count, samples, list } = self;
+        for at in (0..candidates.len()).step_by(L::COUNT) {
+            let real = (1_u32 << (candidates.len() - at).min(L::COUNT)) - 1;
+            // SAFETY: candidates are padded by a register of them, and the faces name the corners of each in turn.
+            let [a, b, c] = unsafe {
+                let vertices = candidates.vertices_from(at);
+                [
+                    L::gather(vertices, CORNERS.as_ptr(), 0),
+                    L::gather(vertices, CORNERS.as_ptr(), 1),
+                    L::gather(vertices, CORNERS.as_ptr(), 2),
+                ]
+            };
+            let zero = L::splat(0.0);
+            let before = L::bits(L::and(L::and(a[2].gt(zero), b[2].gt(zero)), c[2].gt(zero)));
+            let mut behind = real & !before;
+            while behind != 0 {
+                let owner = at + behind.trailing_zeros() as usize;
+                place(view, candidates, owner, 0..count, samples, list);
+                behind &= behind - 1;
+            }
+            let setup = Setup::<L>::new::<PERSPECTIVE>([a, b, c]);
+            let good = L::and(setup.good, L::mask(real & before));
+            if L::bits(good) == 0 {
+                continue;
+            }
+            let (side, doubled_area) = sizes([a, b, c]);
+            let thick = doubled_area.gt(L::splat(THICK * samples).mul(side));
+            let stretch = side.div(L::splat(samples * SIDE_PER_SHARE));
+            let stretch = stretch.max(L::splat(1.0)).min(L::splat(MOST_SHARES));
+            let counts = L::select(good, L::splat(count as f64).mul(stretch), zero);
+            for point in 0..counts.greatest() as usize {
+                let wanted = L::and(good, counts.ge(L::splat((point + 1) as f64)));
+                let (thin_weights, thick_weights) = (barycentric(point), barycentric(INTERIOR + point));
+                let weight = [
+                    L::select(thick, L::splat(thick_weights[0]), L::splat(thin_weights[0])),
+                    L::select(thick, L::splat(thick_weights[1]), L::splat(thin_weights[1])),
+                    L::select(thick, L::splat(thick_weights[2]), L::splat(thin_weights[2])),
+                ];
+                let w = mix(weight, a[2], b[2], c[2]);
+                let x = mix(weight, a[0], b[0], c[0]).div(w);
+                let y = mix(weight, a[1], b[1], c[1]).div(w);
+                let mut mask = L::and(wanted, L::splat(0.5 * view.width as f64).ge(x.abs()));
+                mask = L::and(mask, L::splat(0.5 * view.height as f64).ge(y.abs()));
+                mask = L::and(mask, plane_at(setup.edges[0], x, y).ge(setup.least[0]));
+                mask = L::and(mask, plane_at(setup.edges[1], x, y).ge(setup.least[1]));
+                mask = L::and(mask, plane_at(setup.edges[2], x, y).ge(setup.least[2]));
+                let value = plane_at(setup.plane, x, y).max(setup.range[0]).min(setup.range[1]);
+                let seen = view.seen();
+                mask = L::and(mask, L::and(value.ge(L::splat(seen[0])), L::splat(seen[1]).ge(value)));
+                let (xs, ys, values) = (lanes(x), lanes(y), lanes(value));
+                let mut left = L::bits(mask);
+                while left != 0 {
+                    let lane = left.trailing_zeros() as usize;
+                    left &= left - 1;
+                    let owner = (at + lane) as u32;
+                    list.push(Point { x: xs[lane], y: ys[lane], value: values[lane], owner });
+                }
+            }
+        }
+    }
+}
+
+/// The corners of triples of vertices, packed.
+const CORNERS: [u32; MOST_LANES] = {
+    let mut corners = [0; MOST_LANES];
+    let mut face = 0;
+    while face < MOST_LANES {
+        let first = 3 * face as u32;
+        corners[face] = first | (first + 1) << 8 | (first + 2) << 16;
+        face += 1;
+    }
+    corners
+};
+
+#[inline(always)]
+fn lanes<L: Lanes>(register: L) -> [f64; MOST_LANES] {
+    let mut lanes = [0.0; MOST_LANES];
+    // SAFETY: the array holds the lanes of any register.
+    unsafe { register.store(lanes.as_mut_ptr()) };
+    lanes
+}
+
+/// In the order of [`project`].
+#[inline(always)]
+fn mix<L: Lanes>(weights: [L; 3], a: L, b: L, c: L) -> L {
+    a.mul(weights[0]).add(b.mul(weights[1])).add(c.mul(weights[2]))
+}
+
+/// A plane over the image, in the order of [`Triangle::hit`].
+#[inline(always)]
+fn plane_at<L: Lanes>(plane: [L; 3], x: L, y: L) -> L {
+    plane[0].mul(x).add(plane[1].mul(y).add(plane[2]))
+}
+
+/// [`size`] of several faces that lie before the eye.
+#[inline(always)]
+fn sizes<L: Lanes>([a, b, c]: [[L; 4]; 3]) -> (L, L) {
+    let one = L::splat(1.0);
+    let (p, q, r) = (one.div(a[2]), one.div(b[2]), one.div(c[2]));
+    let (ax, ay) = (a[0].mul(p), a[1].mul(p));
+    let (bx, by) = (b[0].mul(q), b[1].mul(q));
+    let (cx, cy) = (c[0].mul(r), c[1].mul(r));
+    let wide = ax.max(bx).max(cx).sub(ax.min(bx).min(cx));
+    let high = ay.max(by).max(cy).sub(ay.min(by).min(cy));
+    let cross = bx.sub(ax).mul(cy.sub(ay)).sub(cx.sub(ax).mul(by.sub(ay)));
+    (wide.max(high), cross.abs())
+}
+
+/// The longer side of a face's box and twice its area, in pixels; nothing of either if a corner lies behind the eye.
+fn size(corners: &[Vertex; 3]) -> (f64, f64) {
+    if corners.iter().any(|v| v.w <= 0.0) {
+        return (0.0, 0.0);
+    }
+    let [a, b, c] = corners.each_ref().map(|v| [v.x * (1.0 / v.w), v.y * (1.0 / v.w)]);
+    let side = |i: usize| a[i].max(b[i]).max(c[i]) - a[i].min(b[i]).min(c[i]);
+    let doubled_area = ((b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1])).abs();
+    (side(0).max(side(1)), doubled_area)
+}
+
+/// How far the corner and edge points keep from the face's border, as a share of its height.
+const INSET: f64 = 0.05;
+
+/// From this index on, points lie anywhere in the face. Of one at least [`THICK`] pixels high, what shows only within
+/// [`INSET`] of a corner is a speck.
+const INTERIOR: usize = 7;
+const THICK: f64 = 4.0 / 3.0;
+
+/// The `index`-th point of a face: centroid, corners and edge midpoints (inset), then a low-discrepancy sequence.
+///
+/// Corners come early because a straight silhouette that leaves some of a triangle visible leaves a corner.
+fn barycentric(index: usize) -> [f64; 3] {
+    let mut weights = [INSET; 3];
+    match index {
+        0 => return [1.0 / 3.0; 3],
+        1..4 => weights[index - 1] = 1.0 - 2.0 * INSET,
+        4..INTERIOR => {
+            weights = [0.5 - 0.5 * INSET; 3];
+            weights[index - 4] = INSET;
+        }
+        _ => {
+            let [u, v] = spread(index);
+            let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
+            return [1.0 - u - v, u, v];
+        }
+    }
+    weights
+}
+
+/// Points spread over a unit square: the additive recurrence by the inverse powers of the plastic number (Roberts
+/// 2018, "R2").
+fn spread(index: usize) -> [f64; 2] {
+    [(index as f64 * 0.754_877_666_246_692_8).fract(), (index as f64 * 0.569_840_290_998_053_3).fract()]
+}
+
+/// The centred pixel of a point of a face, if it is in front of the camera and inside the image.
+fn project(view: &View, corners: &[Vertex; 3], weights: [f64; 3]) -> Option<[f64; 2]> {
+    let [a, b, c] = corners.map(Vertex::vector);
+    let h = a * weights[0] + b * weights[1] + c * weights[2];
+    if h.z <= 0.0 {
+        return None;
+    }
+    let (x, y) = (h.x / h.z, h.y / h.z);
+    let inside = x.abs() <= 0.5 * view.width as f64 && y.abs() <= 0.5 * view.height as f64;
+    inside.then_some([x, y])
+}
