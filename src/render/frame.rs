@@ -1,6 +1,7 @@
 //! The image that an engine fills: nearest face and nearness in one word a sample.
 
 use super::BACKGROUND;
+use super::lanes::Lanes;
 use super::triangle::{Key, key_depth};
 use super::view::View;
 use std::ops::Range;
@@ -82,6 +83,31 @@ impl Frame {
                 Band { rows, width, stride, samples }
             })
             .collect()
+    }
+}
+
+impl Band<'_> {
+    /// Whether all samples of a box are greater than `word`.
+    #[inline(always)]
+    pub fn all_greater<L: Lanes>(&self, columns: &Range<usize>, rows: &Range<usize>, word: u64) -> bool {
+        let word = L::splat_word(word);
+        // Whole registers from the first that has part of the box: rows are padded to tiles.
+        let first = columns.start / L::COUNT * L::COUNT;
+        for left in (first..columns.end).step_by(L::COUNT) {
+            let before = columns.start.saturating_sub(left);
+            let after = columns.end.min(left + L::COUNT) - left;
+            let wanted = (1_u32 << after) - (1_u32 << before);
+            for y in rows.clone() {
+                let at = (y - self.rows.start) * self.stride + left;
+                let samples = &self.samples[at..at + L::COUNT];
+                // SAFETY: the slice holds a register of samples.
+                let greater = L::greater(unsafe { L::load_words(samples.as_ptr()) }, word);
+                if !L::bits(greater) & wanted != 0 {
+                    return false;
+                }
+            }
+        }
+        true
     }
 }
 

@@ -72,6 +72,10 @@ impl<const PERSPECTIVE: bool> Kernel for Draw<'_, '_, PERSPECTIVE> {
     }
 }
 
+/// Boxes of up to this many pixels each way are looked at pixel by pixel: what is hidden behind part of a tile is found,
+/// and that costs less than a face or two.
+const CLOSE: usize = 24;
+
 /// What the walk draws on.
 struct Drawing<'a, 'b, const PERSPECTIVE: bool> {
     view: &'a View,
@@ -85,7 +89,13 @@ struct Drawing<'a, 'b, const PERSPECTIVE: bool> {
 impl<L: Lanes, const PERSPECTIVE: bool> Visitor<L> for Drawing<'_, '_, PERSPECTIVE> {
     #[inline(always)]
     fn skips(&mut self, stop: &Stop) -> bool {
-        !stop.straddles && self.pyramid.all_greater(self.band, &stop.area, stop.nearest)
+        if stop.straddles {
+            return false;
+        }
+        if stop.area.x.len() <= CLOSE && stop.area.y.len() <= CLOSE {
+            return self.band.all_greater::<L>(&stop.area.x, &stop.area.y, stop.nearest);
+        }
+        self.pyramid.all_greater(self.band, &stop.area, stop.nearest)
     }
 
     #[inline(always)]
