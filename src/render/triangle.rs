@@ -40,7 +40,10 @@ impl Nearness {
     #[inline(always)]
     pub fn key(self, projection: Projection) -> Key {
         let [subtrahend, flip] = key_terms(projection);
-        let bits = self.0.max(KEY_RANGE[0]).min(KEY_RANGE[1]).to_bits();
+        // Not `clamp`, which keeps NaN.
+        #[expect(clippy::manual_clamp, reason = "NaN is to become the least")]
+        let value = self.0.max(KEY_RANGE[0]).min(KEY_RANGE[1]);
+        let bits = value.to_bits();
         ((bits ^ flip).wrapping_sub(subtrahend) >> DROPPED) << FACE_BITS
     }
 

@@ -118,7 +118,7 @@ impl View {
     pub fn screen(&self, vertex: &Vertex) -> Option<[f64; 2]> {
         let [half_x, half_y] = self.half();
         let inverse = 1.0 / vertex.w;
-        (vertex.w > 0.0).then(|| [vertex.x * inverse + half_x, vertex.y * inverse + half_y])
+        (vertex.w > 0.0).then_some([vertex.x * inverse + half_x, vertex.y * inverse + half_y])
     }
 
     /// The image's centre, counted in pixel centres from the top-left one.

@@ -85,14 +85,16 @@ pub fn visible_rows(
         camera.check()?;
     }
     // What the threads share is made before they start.
-    let _ = scene.clusters();
+    scene.prepare(engine);
     match fill {
         Fill::Bare => {}
         Fill::Neighbours { .. } => drop(scene.adjacency()?),
         Fill::Rays(Rays { supersampling: 0, .. }) => {
             return Err(Error::Invalid("supersampling must be at least 1, got 0".into()));
         }
-        Fill::Rays(_) => {}
+        Fill::Rays(_) => {
+            scene.clusters();
+        }
     }
     let idle = Mutex::new(Vec::new());
     rows.par_chunks_mut(words).zip(cameras).try_for_each(|(row, camera)| {

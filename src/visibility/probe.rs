@@ -86,6 +86,7 @@ pub fn probe(
     for camera in cameras {
         camera.check()?;
     }
+    scene.prepare(Engine::Auto);
     seen.par_chunks_mut(rows.width)
         .zip(cameras.par_iter().zip(row_of))
         .map_init(

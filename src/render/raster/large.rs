@@ -150,8 +150,8 @@ impl<'a, L: Lanes> Brush<'a, L> {
             least: [L::splat(l0[lane]), L::splat(l1[lane]), L::splat(l2[lane])],
             slope: L::splat(plane[0][lane]),
             range: [
-                L::splat(low[lane].max(KEY_RANGE[0]).min(KEY_RANGE[1])),
-                L::splat(high[lane].max(KEY_RANGE[0]).min(KEY_RANGE[1])),
+                L::splat(low[lane].clamp(KEY_RANGE[0], KEY_RANGE[1])),
+                L::splat(high[lane].clamp(KEY_RANGE[0], KEY_RANGE[1])),
             ],
             tags: L::splat_word(tag(id)),
             all_seen: low[lane] >= seen[0] && high[lane] <= seen[1],
@@ -197,8 +197,8 @@ impl<'a, L: Lanes> Brush<'a, L> {
         let (top, bottom) = (view.row(rows.start), view.row(rows.end - 1));
         let mut touched = L::mask((1 << count) - 1);
         let mut inside = touched;
-        for edge in 0..3 {
-            let [x, y, z] = [edges[edge][0][lane], edges[edge][1][lane], edges[edge][2][lane]];
+        for (edge, n) in edges.iter().enumerate() {
+            let [x, y, z] = [n[0][lane], n[1][lane], n[2][lane]];
             let (inner_x, outer_x) = if x > 0.0 { (last, first) } else { (first, last) };
             let (inner_y, outer_y) = if y > 0.0 { (bottom, top) } else { (top, bottom) };
             let inner = self.slopes[edge].mul(inner_x).add(L::splat(y * inner_y + z));
@@ -276,15 +276,15 @@ impl<'a, L: Lanes> Brush<'a, L> {
             let products = [self.slopes[0].mul(x), self.slopes[1].mul(x), self.slopes[2].mul(x)];
             let along = self.slope.mul(x);
             let mut at = (rows.start - band.rows.start) * band.stride + left;
+            let [c0, c1, c2, constant] = &constants;
             for row in 0..rows.len() {
                 let mut mask = wanted;
                 if !covers {
-                    for edge in 0..3 {
-                        let value = products[edge].add(L::splat(constants[edge][row]));
-                        mask = L::and(mask, value.ge(self.least[edge]));
-                    }
+                    mask = L::and(mask, products[0].add(L::splat(c0[row])).ge(self.least[0]));
+                    mask = L::and(mask, products[1].add(L::splat(c1[row])).ge(self.least[1]));
+                    mask = L::and(mask, products[2].add(L::splat(c2[row])).ge(self.least[2]));
                 }
-                let value = along.add(L::splat(constants[3][row]));
+                let value = along.add(L::splat(constant[row]));
                 if !self.all_seen {
                     let [near, far] = [&self.lot.range[0], &self.lot.range[1]];
                     let value = value.max(L::splat(near[self.lane])).min(L::splat(far[self.lane]));
