@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 import cyclorama as cyc
@@ -28,16 +28,17 @@ def answers(scene: cyc.Scene, cameras: list[cyc.Camera]) -> list[np.ndarray]:
     return drawn + [scene.visible(cameras, fill=fill, engine="raster").words for fill in ("rays", "neighbours", None)]
 
 
-def assert_alike(scene: cyc.Scene, cameras: list[cyc.Camera]) -> None:
+def alike(scene: cyc.Scene, cameras: list[cyc.Camera]) -> list[np.ndarray]:
+    """The answers, which are the same whatever draws."""
     answer = {}
     for name in _core.instruction_sets():
         _core.use_instruction_set(name)
         answer[name] = answers(scene, cameras)
     first = answer["portable"]
-    assert any(words.any() for words in first[-3:]), "nothing was visible"
     for name, other in answer.items():
         for a, b in zip(first, other, strict=True):
             assert a.tobytes() == b.tobytes(), name
+    return first
 
 
 @pytest.mark.parametrize("name", ["bunny", "kitchen", "engine_2cylinder"])
@@ -50,7 +51,8 @@ def test_real_meshes(real_scene, name):
         cyc.Camera.look_at(near, scene.center, fov_y=90.0, width=333, height=201),
         cyc.Camera.orthographic_look_at(far, scene.center, extent=2.0 * scene.radius),
     ]
-    assert_alike(scene, cameras)
+    for words in alike(scene, cameras)[-3:]:
+        assert all(row.any() for row in words), "a view shows nothing"
 
 
 @given(
@@ -69,11 +71,12 @@ def test_balls(balls, eye, size, orthographic):
     width, height = size
     at = np.array([0.0, 0.0, eye])
     target = np.asarray(balls[0][:3]) - [0.0, 0.0, 2.0 * balls[0][3]]
+    assume(np.linalg.norm(target - at) > 1e-3)
     if orthographic:
         camera = cyc.Camera.orthographic_look_at(at, target, extent=3.0, width=width, height=height)
     else:
         camera = cyc.Camera.look_at(at, target, fov_y=60.0, width=width, height=height)
-    assert_alike(scene, [camera])
+    alike(scene, [camera])
 
 
 def test_the_best_set_is_used_unless_another_is_asked_for():
