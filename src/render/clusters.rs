@@ -347,3 +347,103 @@ fn build(mesh: &Mesh, faces: &[(u32, Bounds)]) -> Built {
 pub fn unpack(corners: u32) -> [usize; 3] {
     [corners & 0xff, corners >> 8 & 0xff, corners >> 16 & 0xff].map(|corner| corner as usize)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::render::fixtures::meshes;
+    use proptest::prelude::*;
+
+    /// The clusters under a node, each as often as it is met; panics where a box leaves out a vertex of what it holds.
+    fn walked(clusters: &Clusters, node: &Node, found: &mut Vec<u32>) {
+        for (place, &child) in node.children.iter().enumerate() {
+            let mut below = Vec::new();
+            match child {
+                Child::Absent => {
+                    assert!((0..3).all(|axis| node.low[axis][place] > node.high[axis][place]));
+                }
+                Child::Node(index) => walked(clusters, clusters.node(index), &mut below),
+                Child::Cluster(index) => below.push(index),
+            }
+            for &index in &below {
+                for (axis, coordinates) in clusters.cluster(index).coordinates.iter().enumerate() {
+                    let (low, high) = (f64::from(node.low[axis][place]), f64::from(node.high[axis][place]));
+                    assert!(coordinates.iter().all(|&x| low <= x && x <= high));
+                }
+            }
+            found.extend(below);
+        }
+    }
+
+    proptest! {
+        /// Whatever faces are asked for, also none, and where hundreds of faces lie in one place.
+        #[test]
+        fn clusters_hold_each_face_once_and_boxes_all_of_it(
+            mesh in meshes(),
+            times in prop_oneof![3 => Just(1_usize), 1 => 1_usize..300],
+            step in 1_usize..4,
+        ) {
+            let vertices: Vec<[f64; 3]> = mesh.positions().iter().map(|p| p.to_array()).collect();
+            let times = if mesh.faces().len() > 100 { 1 } else { times };
+            let mesh = Mesh::new(&vertices, mesh.faces().repeat(times)).unwrap();
+            let asked: Vec<u32> = (0..mesh.faces().len() as u32).skip(step - 1).step_by(step).collect();
+            let clusters = Clusters::new(&mesh, asked.iter().copied().rev());
+            let mut held = Vec::new();
+            for index in 0..clusters.len() as u32 {
+                let Cluster { count, corners, ids, coordinates } = clusters.cluster(index);
+                prop_assert!((1..=MOST_FACES).contains(&count));
+                prop_assert_eq!(ids.len(), count.next_multiple_of(PADDING));
+                prop_assert_eq!(corners.len(), ids.len());
+                prop_assert!(ids[count..].iter().all(|&id| id == ids[count - 1]));
+                let [x, y, z] = coordinates;
+                prop_assert!(x.len() <= MOST_VERTICES && x.len().is_multiple_of(PADDING));
+                prop_assert!(y.len() == x.len() && z.len() == x.len());
+                for (&id, &corners) in ids.iter().zip(corners) {
+                    let vertices = unpack(corners).map(|v| DVec3::new(x[v], y[v], z[v]));
+                    prop_assert_eq!(vertices, mesh.corners(id as usize));
+                }
+                held.extend_from_slice(&ids[..count]);
+            }
+            held.sort_unstable();
+            prop_assert_eq!(&held, &asked);
+            prop_assert_eq!(clusters.face_count(), asked.len());
+            prop_assert_eq!(clusters.is_empty(), asked.is_empty());
+            let mut found = Vec::new();
+            prop_assert_eq!(clusters.root().is_none(), asked.is_empty());
+            if let Some(root) = clusters.root() {
+                walked(&clusters, root, &mut found);
+            }
+            found.sort_unstable();
+            prop_assert_eq!(found, (0..clusters.len() as u32).collect::<Vec<_>>());
+        }
+
+        #[test]
+        fn unpacking_is_the_inverse_of_packing(a in 0_u32..256, b in 0_u32..256, c in 0_u32..256) {
+            prop_assert_eq!(unpack(a | b << 8 | c << 16), [a, b, c].map(|corner| corner as usize));
+        }
+
+        /// A wall among furniture would make the furniture's boxes as large as the wall.
+        #[test]
+        fn one_large_face_leaves_the_boxes_of_small_ones_small(at in 0_usize..2000) {
+            let (mut vertices, mut faces) = (Vec::new(), Vec::new());
+            for face in 0..2000 {
+                let (x, y) = ((face % 50) as f64, (face / 50) as f64);
+                let first = vertices.len() as u32;
+                let across = if face == at { 50.0 } else { 0.5 };
+                vertices.extend([[x, y, 0.0], [x + across, y, 0.0], [x, y + across, 0.0]]);
+                faces.push([first, first + 1, first + 2]);
+            }
+            let mesh = Mesh::new(&vertices, faces).unwrap();
+            let clusters = Clusters::new(&mesh, 0..2000);
+            let wide = (0..clusters.len() as u32).filter(|&index| {
+                clusters.cluster(index).coordinates.iter().any(|coordinates| {
+                    let (low, high) = coordinates.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &x| {
+                        (low.min(x), high.max(x))
+                    });
+                    high - low > 25.0 * mesh.scale()
+                })
+            });
+            prop_assert_eq!(wide.count(), 1);
+        }
+    }
+}

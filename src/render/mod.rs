@@ -10,6 +10,8 @@ pub mod beam;
 pub mod clusters;
 pub mod confirm;
 pub mod cost;
+#[cfg(test)]
+pub mod fixtures;
 pub mod frame;
 pub mod lanes;
 pub mod neighbours;

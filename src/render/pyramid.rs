@@ -153,3 +153,90 @@ fn farthest_of_tile(band: &Band<'_>, column: usize, row: usize) -> u64 {
     }
     least.into_iter().fold(u64::MAX, u64::min)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::render::frame::Frame;
+    use crate::render::lanes::{InstructionSet, Kernel, Lanes};
+    use proptest::prelude::*;
+
+    /// A box of an image, whatever its size.
+    fn within(width: usize, rows: &Range<usize>, [left, top, right, bottom]: [usize; 4]) -> PixelBox {
+        let axis = |a: usize, b: usize, first: usize, count: usize| {
+            let (a, b) = (a % count, b % count);
+            first + a.min(b)..first + a.max(b) + 1
+        };
+        PixelBox { x: axis(left, right, 0, width), y: axis(top, bottom, rows.start, rows.len()) }
+    }
+
+    fn samples<'a>(band: &'a Band<'_>, area: &'a PixelBox) -> impl Iterator<Item = u64> + 'a {
+        area.y.clone().flat_map(|y| {
+            let row = &band.samples[(y - band.rows.start) * band.stride..];
+            row[area.x.clone()].iter().copied()
+        })
+    }
+
+    struct Ask<'a, 'b>(&'a Band<'b>, &'a PixelBox, u64);
+
+    impl Kernel for Ask<'_, '_> {
+        type Output = bool;
+
+        #[inline(always)]
+        fn run<L: Lanes>(self) -> bool {
+            self.0.all_greater::<L>(&self.1.x, &self.1.y, self.2)
+        }
+    }
+
+    proptest! {
+        /// Boxes are brought nearer in turn; between that, boxes are asked about, which brings entries up to date.
+        #[test]
+        fn what_is_said_to_be_greater_is(
+            (width, height) in (1_usize..400, 1_usize..300),
+            rows in 1_usize..300,
+            draws in prop::collection::vec((prop::array::uniform4(0_usize..400), 1_u64..6), 1..60),
+            asks in prop::collection::vec((prop::array::uniform4(0_usize..400), 0_u64..6), 60),
+            begun: bool,
+        ) {
+            let mut frame = Frame::default();
+            frame.clear(width, height);
+            for band in frame.bands(rows) {
+                let mut pyramid = Pyramid::default();
+                if !begun {
+                    pyramid.clear(&band);
+                }
+                for (step, ((drawn, word), (asked, limit))) in draws.iter().zip(&asks).enumerate() {
+                    let drawn = within(width, &band.rows, *drawn);
+                    for y in drawn.y.clone() {
+                        let row = (y - band.rows.start) * band.stride;
+                        for sample in &mut band.samples[row..][drawn.x.clone()] {
+                            *sample = (*sample).max(*word);
+                        }
+                    }
+                    if begun && step == 0 {
+                        pyramid.read(&band);
+                    } else {
+                        pyramid.touch(&drawn);
+                    }
+                    let asked = within(width, &band.rows, *asked);
+                    let greater = samples(&band, &asked).all(|sample| sample > *limit);
+                    prop_assert!(!pyramid.all_greater(&band, &asked, *limit) || greater);
+                    for set in InstructionSet::available() {
+                        prop_assert_eq!(set.run(Ask(&band, &asked, *limit)), greater, "{:?}", set);
+                    }
+                    // Whole tiles, few enough for the first level, which knows them exactly.
+                    let tiles = |range: &Range<usize>, first: usize, end: usize| {
+                        let low = (range.start - first) / TILE * TILE + first;
+                        low..(low + SPAN * TILE).min(end)
+                    };
+                    let whole = PixelBox {
+                        x: tiles(&asked.x, 0, width),
+                        y: tiles(&asked.y, band.rows.start, band.rows.end),
+                    };
+                    let greater = samples(&band, &whole).all(|sample| sample > *limit);
+                    prop_assert_eq!(pyramid.all_greater(&band, &whole, *limit), greater);
+                }
+            }
+        }
+    }
+}

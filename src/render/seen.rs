@@ -48,6 +48,7 @@ fn packed(marks: &[u8; 64]) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::render::frame::sample;
     use proptest::prelude::*;
 
     proptest! {
@@ -55,6 +56,35 @@ mod tests {
         fn bits_are_those_of_the_marks(marks in prop::collection::vec(0_u8..2, 64)) {
             let word = packed(marks.as_slice().try_into().unwrap());
             prop_assert!((0..64).all(|bit| (word >> bit & 1) as u8 == marks[bit]));
+        }
+
+        /// Frames one after the other, of scenes of any sizes; rows keep what they have.
+        #[test]
+        fn rows_have_the_faces_that_frames_show(
+            frames in prop::collection::vec(
+                (1_usize..40, 1_usize..30, 1_usize..400, prop::collection::vec((any::<bool>(), 0_u32..400), 1200), any::<u64>()),
+                1..4,
+            ),
+        ) {
+            let mut seen = Seen::default();
+            for (width, height, faces, shown, had) in frames {
+                let mut frame = Frame::default();
+                frame.clear(width, height);
+                let mut row = vec![0; faces.div_ceil(64)];
+                row[0] = had;
+                let mut expected = row.clone();
+                for y in 0..height {
+                    for (x, at) in frame.row_mut(y).iter_mut().enumerate() {
+                        let (hit, face) = shown[y * width + x];
+                        if hit && (face as usize) < faces {
+                            *at = sample(1 << 40, face);
+                            expected[face as usize / 64] |= 1 << (face % 64);
+                        }
+                    }
+                }
+                seen.collect(&frame, faces, &mut row);
+                prop_assert_eq!(row, expected);
+            }
         }
     }
 }

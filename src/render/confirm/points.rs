@@ -318,3 +318,77 @@ fn plane_at<L: Lanes>(plane: &[[f64; MOST_LANES]; 3], lane: usize, x: L, y: L) -
     let constant = L::splat(plane[1][lane]).mul(y).add(L::splat(plane[2][lane]));
     L::splat(plane[0][lane]).mul(x).add(constant)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::render::fixtures::{cameras, meshes};
+    use proptest::prelude::*;
+
+    fn all_of(view: &View, clusters: &Clusters, set: InstructionSet, points: &mut Points) {
+        let pass = &mut Pass::default();
+        match view.projection {
+            Projection::Perspective => set.run(Hide::<true> { pass, view, clusters, points }),
+            Projection::Orthographic => set.run(Hide::<false> { pass, view, clusters, points }),
+        }
+    }
+
+    proptest! {
+        /// Points on faces and beside them, at pixels' borders and the image's, sorted into the room that other points
+        /// left.
+        #[test]
+        fn points_are_open_exactly_where_no_face_is_before_them(
+            mesh in meshes(),
+            camera in cameras(),
+            wanted in prop::collection::vec((0.0_f64..=1.0, 0.0_f64..=1.0, any::<bool>(), any::<u32>()), 1..80),
+            earlier in 0_usize..80,
+        ) {
+            let view = View::new(&mesh, &camera);
+            let count = mesh.faces().len() as u32;
+            let clusters = Clusters::new(&mesh, 0..count);
+            let triangles: Vec<(u32, Triangle)> = (0..count)
+                .filter_map(|face| Some((face, Triangle::new(&view, &view.project_face(&mesh, face))?)))
+                .collect();
+            let list: Vec<Point> = wanted
+                .iter()
+                .enumerate()
+                .filter_map(|(owner, &(x, y, on_grid, face))| {
+                    let at = |share: f64, size: usize| {
+                        let position = share * size as f64;
+                        (if on_grid { position.round() } else { position }) - 0.5 * size as f64
+                    };
+                    let (x, y) = (at(x, view.width), at(y, view.height));
+                    let hits: Vec<f64> = triangles.iter().filter_map(|(_, t)| t.hit(x, y)).map(|n| n.0).collect();
+                    let value = *hits.get(face as usize % hits.len().max(1))?;
+                    Some(Point { x, y, value, owner: owner as u32 })
+                })
+                .collect();
+            for set in InstructionSet::available() {
+                let mut points = Points::default();
+                points.sort(&view, &list[..earlier.min(list.len())]);
+                all_of(&view, &clusters, set, &mut points);
+                points.sort(&view, &list);
+                all_of(&view, &clusters, set, &mut points);
+                let mut answered = vec![None; wanted.len()];
+                for (owner, hider) in points.answers() {
+                    prop_assert!(answered[owner as usize].replace(hider).is_none());
+                }
+                prop_assert_eq!(answered.iter().flatten().count(), list.len());
+                for point in &list {
+                    let hides = |triangle: &Triangle| {
+                        let hit = triangle.hit(point.x, point.y);
+                        hit.is_some_and(|n| n.is_before(Nearness(point.value), view.projection))
+                    };
+                    let hider = answered[point.owner as usize].unwrap();
+                    if hider == OPEN {
+                        let hidden = triangles.iter().find(|(_, triangle)| hides(triangle));
+                        prop_assert!(hidden.is_none(), "{set:?}: {point:?} is behind {hidden:?}");
+                    } else {
+                        let hider = triangles.iter().find(|(face, _)| *face == hider);
+                        prop_assert!(hider.is_some_and(|(_, triangle)| hides(triangle)), "{set:?}: {point:?}");
+                    }
+                }
+            }
+        }
+    }
+}

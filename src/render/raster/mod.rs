@@ -196,71 +196,13 @@ pub fn draw_plainly(view: &View, faces: impl Iterator<Item = (u32, [Vertex; 3])>
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::camera::Camera;
     use crate::mesh::Mesh;
+    use crate::render::fixtures::{ball, camera, cameras, soup};
     use crate::render::frame::Frame;
     use crate::render::raycast;
     use crate::render::scene::Scene;
-    use glam::{DMat3, DVec3};
+    use glam::DVec3;
     use proptest::prelude::*;
-
-    fn camera(distance: f64, width: usize, height: usize, near: f64, projection: Projection) -> Camera {
-        let focal = match projection {
-            Projection::Perspective => 0.8 * width.max(height) as f64,
-            Projection::Orthographic => 0.3 * width.max(height) as f64,
-        };
-        Camera {
-            k: DMat3::from_cols_array(&[
-                focal,
-                0.0,
-                0.0,
-                0.0,
-                focal,
-                0.0,
-                0.5 * width as f64,
-                0.5 * height as f64,
-                1.0,
-            ]),
-            rotation: DMat3::IDENTITY,
-            translation: DVec3::new(0.0, 0.0, distance),
-            width,
-            height,
-            near,
-            projection,
-        }
-    }
-
-    /// Adds a ball of 32 x 16 squares of two faces.
-    fn ball(centre: DVec3, radius: f64, vertices: &mut Vec<[f64; 3]>, faces: &mut Vec<[u32; 3]>) {
-        let first = vertices.len() as u32;
-        for row in 0..=16 {
-            let (down, out) = (row as f64 / 16.0 * std::f64::consts::PI).sin_cos();
-            for column in 0..32 {
-                let (sin, cos) = (column as f64 / 32.0 * std::f64::consts::TAU).sin_cos();
-                vertices.push((centre + radius * DVec3::new(down * cos, out, down * sin)).to_array());
-            }
-        }
-        for row in 0..16 {
-            for column in 0..32 {
-                let at = |row: u32, column: u32| first + 32 * row + column % 32;
-                let [a, b] = [at(row, column), at(row, column + 1)];
-                let [c, d] = [at(row + 1, column), at(row + 1, column + 1)];
-                faces.extend([[a, b, c], [b, d, c]]);
-            }
-        }
-    }
-
-    /// Vertices on a coarse grid, so that shared corners, edge-on faces, coincident faces and pixel centres on edges
-    /// are common.
-    fn soup() -> impl Strategy<Value = Mesh> {
-        let vertices = prop::collection::vec(prop::array::uniform3(-4_i32..=4), 4..40);
-        let faces = prop::collection::vec(prop::array::uniform3(0_u32..40), 1..60);
-        (vertices, faces).prop_filter_map("no face has an area", |(vertices, faces)| {
-            let vertices: Vec<[f64; 3]> = vertices.iter().map(|v| v.map(|x| f64::from(x) * 0.25)).collect();
-            let faces = faces.iter().map(|f| f.map(|v| v % vertices.len() as u32)).collect();
-            Mesh::new(&vertices, faces).ok()
-        })
-    }
 
     /// The samples of a frame of which `draw` draws the bands.
     fn drawn(view: &View, rows: usize, draw: impl Fn(&mut Band<'_>)) -> Vec<u64> {
@@ -285,18 +227,14 @@ mod tests {
         #[test]
         fn every_way_to_draw_gives_the_same_bits(
             mesh in soup(),
-            distance in prop_oneof![Just(3.0), Just(0.25), Just(0.0), -1.0..4.0],
-            near in prop_oneof![Just(0.0), 0.0..1.0],
-            width in 1_usize..80,
-            height in 1_usize..50,
-            projection in prop_oneof![Just(Projection::Perspective), Just(Projection::Orthographic)],
+            camera in cameras(),
             rows in 1_usize..30,
         ) {
-            let view = View::new(&mesh, &camera(distance, width, height, near, projection));
+            let view = View::new(&mesh, &camera);
             let plain = plainly(&mesh, &view);
             let scene = Scene::new(mesh.clone(), None).unwrap();
             for set in InstructionSet::available() {
-                for rows in [rows, height] {
+                for rows in [rows, view.height] {
                     let fast = drawn(&view, rows, |band| Painter::default().draw(set, &view, scene.clusters(), band));
                     prop_assert_eq!(difference(&plain, &fast), None, "{:?}, bands of {}", set, rows);
                 }

@@ -255,3 +255,88 @@ struct Bounds {
     /// Orthographic: the least depth.
     depth: [f64; WIDTH],
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::super::fixtures::{cameras, meshes};
+    use super::super::super::frame::Frame;
+    use super::super::super::lanes::{InstructionSet, Kernel};
+    use super::super::{draw_plainly, pixel_box};
+    use super::*;
+    use proptest::prelude::*;
+
+    /// Where each cluster was met.
+    struct Walked<'a> {
+        view: &'a View,
+        clusters: &'a Clusters,
+        rows: &'a Range<usize>,
+        reach: f64,
+        met: Vec<Option<Stop>>,
+    }
+
+    impl<L: Lanes> Visitor<L> for Walked<'_> {
+        fn skips(&mut self, _: &Stop) -> bool {
+            false
+        }
+
+        fn visit(&mut self, cluster: u32, stop: &Stop) {
+            assert!(self.met[cluster as usize].replace(stop.clone()).is_none(), "met twice");
+        }
+    }
+
+    impl Kernel for &mut Walked<'_> {
+        type Output = ();
+
+        #[inline(always)]
+        fn run<L: Lanes>(self) {
+            let (view, clusters, rows, reach) = (self.view, self.clusters, self.rows, self.reach);
+            let mut stack = Vec::new();
+            walk::<L>(view, clusters, rows, reach, &mut stack, self);
+            assert!(stack.is_empty());
+        }
+    }
+
+    proptest! {
+        /// Cameras stand amid the faces too, so that boxes lie around the eye's plane.
+        #[test]
+        fn what_reaches_a_pixel_is_met_there_and_not_too_far(
+            mesh in meshes(),
+            camera in cameras(),
+            (first, last) in (0_usize..50, 0_usize..50),
+            reach in prop_oneof![Just(0.0), 0.0_f64..2.0],
+        ) {
+            let view = View::new(&mesh, &camera);
+            let (first, last) = (first % view.height, last % view.height);
+            let rows = first.min(last)..first.max(last) + 1;
+            let clusters = Clusters::new(&mesh, 0..mesh.faces().len() as u32);
+            let mut frame = Frame::default();
+            for set in InstructionSet::available() {
+                let met = vec![None; clusters.len()];
+                let mut walked = Walked { view: &view, clusters: &clusters, rows: &rows, reach, met };
+                set.run(&mut walked);
+                for (index, stop) in walked.met.iter().enumerate() {
+                    let cluster = clusters.cluster(index as u32);
+                    for &id in &cluster.ids[..cluster.count] {
+                        let corners = view.project_face(&mesh, id);
+                        let before_eye = corners.iter().all(|corner| corner.w > 0.0);
+                        if let (true, Some(stop)) = (before_eye, stop)
+                            && let Some(area) = pixel_box(&view, &corners, &rows, reach)
+                        {
+                            prop_assert!(stop.area.x.start <= area.x.start && area.x.end <= stop.area.x.end);
+                            prop_assert!(stop.area.y.start <= area.y.start && area.y.end <= stop.area.y.end);
+                        }
+                        frame.clear(view.width, view.height);
+                        draw_plainly(&view, std::iter::once((id, corners)), &mut frame.whole());
+                        for y in rows.clone() {
+                            for (x, &sample) in frame.row(y).iter().enumerate().filter(|(_, sample)| **sample != 0) {
+                                let Some(stop) = stop else { panic!("{set:?}: face {id} is not met") };
+                                prop_assert!(stop.area.x.contains(&x) && stop.area.y.contains(&y));
+                                prop_assert!(stop.nearest >= sample);
+                            }
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
