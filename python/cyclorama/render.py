@@ -110,9 +110,12 @@ def visible(
     rings : int
         For "neighbours": how often. Many rings flood all that faces the eye.
     supersampling : int
-        For "rays": samples of the picture along each side of a pixel.
+        For "rays": samples along each side of a pixel of the finer picture that is drawn of cluttered views, those in
+        which more than 0.6 faces a visible one remain that the picture doesn't hide and no point decided (not of
+        scans seen whole, but of trees, engines and rooms). 1 never draws one.
     points : int
-        For "rays": points tested on a face before it is given up; long thin faces get up to 3 times as many.
+        For "rays": points tested on a face before it is given up, of which those after the fourth only in cluttered
+        views; a long face gets more, up to 8 times as many.
     engine : {"auto", "raster", "raycast"}
         Both give the same bits.
     known : Bitfields or (S, W) ndarray of uint64, optional
@@ -120,8 +123,9 @@ def visible(
     out : (S, W) ndarray of uint64, optional
         Memory for the answer; W is ceil(F / 64). Bits that are set in it stay set.
     threads : int, optional
-        All cores by default. The answer doesn't depend on it. Memory is one image per thread: 8 bytes a sample, and for
-        "rays" `supersampling` squared samples a pixel.
+        All cores by default. The answer doesn't depend on it. Memory grows with threads, not with cameras: each has one
+        image, 8 bytes a sample, and for "rays" a byte a face and some 400 bytes for each face that the picture neither
+        shows nor hides: for a million faces 85 MB (a ball) to 370 MB (pipes).
     progress : bool or callable, optional
         A bar by default, where somebody watches.
 

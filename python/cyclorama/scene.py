@@ -109,11 +109,12 @@ class Scene:
         faces : (K,) array_like of int, optional
             Draw only these. By default all but the transparent ones.
         engine : {"auto", "raster", "raycast"}
-            Both engines give the same bits; "auto" takes the one expected to be faster.
+            Both engines give the same bits; "auto" takes the one expected to be faster, by costs that are measured at
+            first use, which takes some milliseconds.
         out : View, optional
             An earlier answer of the same size whose memory is reused.
         threads : int, optional
-            All cores by default. The answer doesn't depend on it.
+            All cores by default, each drawing some rows of the image. The answer doesn't depend on it.
 
         Returns
         -------
