@@ -79,6 +79,25 @@ def test_balls(balls, eye, size, orthographic):
     alike(scene, [camera])
 
 
+@pytest.mark.parametrize("name", ["tree", "horse"])
+def test_rows_are_the_same_for_all_sets_engines_and_threads(real_scene, name):
+    """Of a cluttered scene and of one that is not."""
+    scene = real_scene(name)
+    eyes = [scene.center + scene.radius * away * d for away in (0.3, 3.0) for d in cyc.sphere.fibonacci(3)]
+    cameras = [
+        cyc.Camera.look_at(eye, scene.center, up=(0.1, 1.0, 0.2), fov_y=60.0, width=160, height=120) for eye in eyes
+    ]
+    cameras.append(cyc.Camera.orthographic_look_at(eyes[-1], scene.center, extent=scene.radius, width=99, height=70))
+    first = scene.visible(cameras).words
+    assert all(row.any() for row in first)
+    for instructions in _core.instruction_sets():
+        _core.use_instruction_set(instructions)
+        for engine in ("raster", "raycast", "auto"):
+            for threads in (1, 3):
+                words = scene.visible(cameras, engine=engine, threads=threads).words
+                np.testing.assert_array_equal(words, first, f"{instructions}, {engine}, {threads} threads")
+
+
 def test_the_best_set_is_used_unless_another_is_asked_for():
     available = _core.instruction_sets()
     assert available[0] == "portable"

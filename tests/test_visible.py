@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -78,6 +81,70 @@ def test_fills_only_add(real_scene):
     one, two = (scene.visible(camera, "neighbours", rings=rings) for rings in (1, 2))
     assert one.difference(two).count()[0] == 0
     assert two.count() > one.count()
+
+
+def soup(seed: int, faces: int) -> cyc.Scene:
+    """Random triangles of all sizes around the origin, so many that a view of them is cluttered."""
+    rng = np.random.default_rng(seed)
+    corners = rng.normal(size=(faces, 1, 3)) + rng.normal(size=(faces, 3, 3)) * 10 ** rng.uniform(-3, 0, (faces, 1, 1))
+    return cyc.Scene(corners.reshape(-1, 3), np.arange(3 * faces).reshape(-1, 3))
+
+
+@given(
+    seed=st.integers(0, 2**32),
+    faces=st.sampled_from([1, 70, 3_000]),
+    eye=st.tuples(*[st.floats(-4, 4)] * 3),
+    size=st.tuples(st.integers(1, 120), st.integers(1, 90)),
+    supersampling=st.integers(1, 4),
+    points=st.integers(1, 20),
+)
+def test_rays_only_add_to_the_bare_buffer_and_a_finer_picture_only_to_them(
+    seed, faces, eye, size, supersampling, points
+):
+    scene = soup(seed, faces)
+    camera = cyc.Camera.look_at(eye, np.asarray(eye) + [0.3, -0.2, -1.0], fov_y=70.0, width=size[0], height=size[1])
+    bare = scene.visible(camera, None)
+    np.testing.assert_array_equal(bare.ids(0), np.setdiff1d(scene.render(camera).ids, cyc.BACKGROUND))
+    some = scene.visible(camera, supersampling=1, points=points)
+    more = scene.visible(camera, supersampling=supersampling, points=points)
+    assert bare.difference(some).count()[0] == 0
+    assert some.difference(more).count()[0] == 0
+
+
+@given(
+    points=st.integers(4, 300),
+    seed=st.integers(0, 2**32),
+    direction=st.tuples(*[st.floats(-1, 1)] * 3).filter(lambda d: np.linalg.norm(d) > 0.1),
+    away=st.floats(1.2, 50.0),
+    fov=st.floats(10.0, 90.0),
+    orthographic=st.booleans(),
+)
+def test_no_face_of_a_convex_mesh_that_turns_away_is_answered(points, seed, direction, away, fov, orthographic):
+    need("scipy")
+    from scipy.spatial import ConvexHull
+
+    corners = np.random.default_rng(seed).normal(size=(points, 3))
+    corners /= np.linalg.norm(corners, axis=1, keepdims=True)
+    hull = ConvexHull(corners)
+    scene = cyc.Scene(corners, hull.simplices)
+    direction = np.asarray(direction) / np.linalg.norm(direction)
+    eye = away * direction
+    normals, offsets = hull.equations[:, :3], hull.equations[:, 3]
+    if orthographic:
+        camera = cyc.Camera.orthographic_look_at(eye, [0, 0, 0], extent=2.2, width=40, height=35)
+        toward = normals @ direction
+    else:
+        camera = cyc.Camera.look_at(eye, [0, 0, 0], fov_y=fov, width=40, height=35)
+        toward = normals @ eye + offsets
+    for engine in ("raster", "raycast"):
+        seen = scene.visible(camera, engine=engine).unpack()[0]
+        assert not (seen & (toward < 0)).any(), toward[seen].min()
+        # With all of it in the image, none that turns to the eye is missed either, if not by a hair.
+        if orthographic or away * np.sin(np.radians(fov / 2)) > 1.0:
+            sizes = np.linalg.norm(
+                np.cross(*(corners[hull.simplices[:, k]] - corners[hull.simplices[:, 0]] for k in (1, 2))), axis=1
+            )
+            assert not (~seen & (toward > 1e-3) & (sizes > 1e-3)).any()
 
 
 def test_many_rings_flood_all_that_faces_the_eye():
@@ -168,6 +235,36 @@ def test_bad_arguments_are_named(arguments, message):
     scene = cyc.scenes.nested_boxes(1)
     with pytest.raises(ValueError, match=message):
         scene.visible(whole(scene), **arguments)
+
+
+MEMORY = """
+import sys
+import numpy as np
+import cyclorama as cyc
+
+def high_water():
+    (line,) = [line for line in open("/proc/self/status") if line.startswith("VmHWM")]
+    return int(line.split()[1]) / 1024
+
+scene = cyc.scenes.sphere(1_000_000)
+directions = cyc.sphere.fibonacci(4)
+cameras = [cyc.Camera.look_at(scene.center + 3 * scene.radius * d, scene.center) for d in directions]
+out = np.ones((24, (len(scene) + 63) // 64), np.uint64)
+print(high_water())
+for threads, views in ((1, 4), (1, 24), (3, 24)):
+    scene.visible((cameras * 6)[:views], threads=threads, out=out[:views])
+    print(high_water())
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads Linux's account of memory")
+def test_memory_grows_with_threads_and_not_with_views():
+    run = subprocess.run([sys.executable, "-c", MEMORY], check=True, capture_output=True, text=True)
+    before, few, many, threads = map(float, run.stdout.split())
+    # MiB for 10^6 faces, of which a view has half in question: the clusters that all share, and a thread's own.
+    assert few - before < 250
+    assert many - few < 30
+    assert threads - many < 2 * 150
 
 
 def test_no_cameras_see_nothing():
