@@ -199,3 +199,56 @@ fn hides(pyramid: &mut Pyramid, band: &Band<'_>, view: &View, area: &PixelBox, w
 fn in_border(range: &Range<usize>, size: usize) -> bool {
     (range.start == 0 || range.end == size) && range.len() <= 2
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::render::fixtures::{cameras, meshes};
+    use crate::render::frame::{Frame, runs};
+    use crate::render::raster::Painter;
+    use proptest::prelude::*;
+
+    proptest! {
+        /// A face that owns a sample is in the picture's front there.
+        #[test]
+        fn what_the_picture_shows_it_does_not_hide(mesh in meshes(), camera in cameras(), known in 1_u32..6) {
+            let view = View::new(&mesh, &camera);
+            let clusters = Clusters::new(&mesh, 0..mesh.faces().len() as u32);
+            let mut frame = Frame::default();
+            frame.clear(view.width, view.height);
+            Painter::default().draw(InstructionSet::best(), &view, &clusters, &mut frame.whole());
+            let mut shown: Vec<u32> =
+                frame.rows().flat_map(runs).filter(|face| !face.is_multiple_of(known)).collect();
+            shown.sort_unstable();
+            shown.dedup();
+            let (band, mut pyramid) = (frame.whole(), Pyramid::default());
+            pyramid.read(&band);
+            let mut candidates = Candidates::default();
+            candidates.gather(&view, &clusters, &mut pyramid, &band, |face| face.is_multiple_of(known));
+            prop_assert!(candidates.ids.iter().all(|face| !face.is_multiple_of(known)));
+            let mut ids = candidates.ids.clone();
+            ids.sort_unstable();
+            ids.dedup();
+            prop_assert_eq!(ids.len(), candidates.len());
+            prop_assert!(shown.iter().all(|face| ids.binary_search(face).is_ok()));
+            for (id, corners) in candidates.ids.iter().zip(&candidates.corners) {
+                prop_assert_eq!(corners, &view.project_face(&mesh, *id));
+            }
+        }
+
+        /// One open point is enough, whenever it is told of.
+        #[test]
+        fn candidates_with_an_open_point_are_found_and_the_others_stay(
+            answers in prop::collection::vec((0_u32..20, prop_oneof![Just(OPEN), 0_u32..9]), 0..60),
+        ) {
+            let mut candidates = Candidates { ids: (100..120).collect(), ..Candidates::default() };
+            candidates.corners.resize(20, [Vertex::default(); 3]);
+            let mut found = Vec::new();
+            candidates.judge(answers.iter().copied(), |face| found.push(face));
+            let is_open = |face: &u32| answers.contains(&(face - 100, OPEN));
+            prop_assert_eq!(found, (100..120).filter(is_open).collect::<Vec<_>>());
+            prop_assert_eq!(&candidates.ids, &(100..120).filter(|face| !is_open(face)).collect::<Vec<_>>());
+            prop_assert_eq!(candidates.corners.len(), candidates.len() + MOST_LANES);
+        }
+    }
+}

@@ -227,3 +227,64 @@ fn project(view: &View, corners: &[Vertex; 3], weights: [f64; 3]) -> Option<[f64
     let inside = x.abs() <= 0.5 * view.width as f64 && y.abs() <= 0.5 * view.height as f64;
     inside.then_some([x, y])
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::render::clusters::Clusters;
+    use crate::render::fixtures::{cameras, meshes};
+    use crate::render::frame::Frame;
+    use crate::render::lanes::InstructionSet;
+    use crate::render::pyramid::Pyramid;
+    use proptest::prelude::*;
+
+    /// What tells points apart, in an order of its own.
+    fn bits(points: &[Point]) -> Vec<[u64; 4]> {
+        let mut bits: Vec<_> = points
+            .iter()
+            .map(|p| [u64::from(p.owner), p.x.to_bits(), p.y.to_bits(), p.value.to_bits()])
+            .collect();
+        bits.sort_unstable();
+        bits
+    }
+
+    proptest! {
+        #[test]
+        fn several_faces_at_a_time_get_the_points_of_each_alone(
+            mesh in meshes(),
+            camera in cameras(),
+            count in 1_usize..13,
+            samples in prop_oneof![Just(1.0), Just(3.0)],
+        ) {
+            let view = View::new(&mesh, &camera);
+            let clusters = Clusters::new(&mesh, 0..mesh.faces().len() as u32);
+            let mut frame = Frame::default();
+            frame.clear(view.width, view.height);
+            let (band, mut pyramid) = (frame.whole(), Pyramid::default());
+            pyramid.read(&band);
+            let mut candidates = Candidates::default();
+            candidates.gather(&view, &clusters, &mut pyramid, &band, |_| false);
+            let mut alone = Vec::new();
+            for owner in 0..candidates.len() {
+                place(&view, &candidates, owner, 0..count, samples, &mut alone);
+            }
+            for point in &alone {
+                prop_assert!(point.x.abs() <= 0.5 * view.width as f64 && point.y.abs() <= 0.5 * view.height as f64);
+                let triangle = Triangle::new(&view, candidates.corners(point.owner as usize)).unwrap();
+                prop_assert_eq!(triangle.hit(point.x, point.y), Some(Nearness(point.value)));
+            }
+            for set in InstructionSet::available() {
+                let mut list = Vec::new();
+                set.run(First { view: &view, candidates: &candidates, count, samples, list: &mut list });
+                prop_assert_eq!(bits(&list), bits(&alone), "{:?}", set);
+            }
+        }
+
+        #[test]
+        fn points_lie_within_their_face(index in 0_usize..10_000) {
+            let weights = barycentric(index);
+            prop_assert!(weights.iter().all(|w| (0.0..=1.0).contains(w)));
+            prop_assert!((weights.iter().sum::<f64>() - 1.0).abs() <= 2.0 * f64::EPSILON);
+        }
+    }
+}
