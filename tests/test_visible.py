@@ -86,14 +86,15 @@ def test_fills_only_add(real_scene):
 def soup(seed: int, faces: int) -> cyc.Scene:
     """Random triangles of all sizes around the origin, so many that a view of them is cluttered."""
     rng = np.random.default_rng(seed)
-    corners = rng.normal(size=(faces, 1, 3)) + rng.normal(size=(faces, 3, 3)) * 10 ** rng.uniform(-3, 0, (faces, 1, 1))
+    sizes = 10 ** rng.uniform(-3, -0.5, (faces, 1, 1))
+    corners = rng.normal(size=(faces, 1, 3)) + sizes * rng.normal(size=(faces, 3, 3))
     return cyc.Scene(corners.reshape(-1, 3), np.arange(3 * faces).reshape(-1, 3))
 
 
 @given(
     seed=st.integers(0, 2**32),
-    faces=st.sampled_from([1, 70, 3_000]),
-    eye=st.tuples(*[st.floats(-4, 4)] * 3),
+    faces=st.sampled_from([1, 300, 10_000]),
+    eye=st.tuples(*[st.floats(-4, 4)] * 3).filter(lambda eye: np.linalg.norm(eye) > 0.1),
     size=st.tuples(st.integers(1, 120), st.integers(1, 90)),
     supersampling=st.integers(1, 4),
     points=st.integers(1, 20),
@@ -102,7 +103,7 @@ def test_rays_only_add_to_the_bare_buffer_and_a_finer_picture_only_to_them(
     seed, faces, eye, size, supersampling, points
 ):
     scene = soup(seed, faces)
-    camera = cyc.Camera.look_at(eye, np.asarray(eye) + [0.3, -0.2, -1.0], fov_y=70.0, width=size[0], height=size[1])
+    camera = cyc.Camera.look_at(eye, (0, 0, 0), fov_y=70.0, width=size[0], height=size[1])
     bare = scene.visible(camera, None)
     np.testing.assert_array_equal(bare.ids(0), np.setdiff1d(scene.render(camera).ids, cyc.BACKGROUND))
     some = scene.visible(camera, supersampling=1, points=points)
@@ -252,6 +253,7 @@ cameras = [cyc.Camera.look_at(scene.center + 3 * scene.radius * d, scene.center)
 out = np.ones((24, (len(scene) + 63) // 64), np.uint64)
 print(high_water())
 for threads, views in ((1, 4), (1, 24), (3, 24)):
+    out.fill(0)
     scene.visible((cameras * 6)[:views], threads=threads, out=out[:views])
     print(high_water())
 """
@@ -261,10 +263,12 @@ for threads, views in ((1, 4), (1, 24), (3, 24)):
 def test_memory_grows_with_threads_and_not_with_views():
     run = subprocess.run([sys.executable, "-c", MEMORY], check=True, capture_output=True, text=True)
     before, few, many, threads = map(float, run.stdout.split())
-    # MiB for 10^6 faces, of which a view has half in question: the clusters that all share, and a thread's own.
-    assert few - before < 250
-    assert many - few < 30
-    assert threads - many < 2 * 150
+    # MiB, for 10^6 faces of which half are in question: the clusters, which all share, and a thread's own, which what
+    # the call before gave back may not fit.
+    own = 250
+    assert few - before < 100 + own
+    assert many - few < own
+    assert threads - many < 2 * own
 
 
 def test_no_cameras_see_nothing():

@@ -125,7 +125,7 @@ def visible(
     threads : int, optional
         All cores by default. The answer doesn't depend on it. Memory grows with threads, not with cameras: each has one
         image, 8 bytes a sample, and for "rays" a byte a face and some 400 bytes for each face that the picture neither
-        shows nor hides: for a million faces 85 MB (a ball) to 370 MB (pipes).
+        shows nor hides: for a million faces some 100 MB (a ball) to 400 MB (pipes).
     progress : bool or callable, optional
         A bar by default, where somebody watches.
 
