@@ -2,13 +2,15 @@
 
 use super::points::OPEN;
 use crate::camera::Projection;
+use crate::mesh::Mesh;
 use crate::render::clusters::Clusters;
-use crate::render::frame::Band;
+use crate::render::frame::{Band, TILE};
 use crate::render::lanes::{InstructionSet, Kernel, Lanes, MOST_LANES};
 use crate::render::pyramid::{PixelBox, Pyramid};
 use crate::render::raster::cluster::Projected;
+use crate::render::raster::pixel_box;
 use crate::render::raster::walk::{Stop, Visitor, walk};
-use crate::render::triangle::Nearness;
+use crate::render::triangle::{Nearness, Triangle};
 use crate::render::view::{Vertex, View};
 use std::ops::Range;
 
@@ -23,6 +25,8 @@ pub struct Candidates {
     corners: Vec<[Vertex; 3]>,
     /// What the last round's points say of each: hidden by a face, open, or nothing.
     hiders: Vec<Option<u32>>,
+    /// How many faces were not hidden by all samples of their boxes: those taken, and those that a closer look hid.
+    pub unclear: usize,
     projected: Box<Projected>,
     stack: Vec<Stop>,
 }
@@ -37,11 +41,27 @@ impl Candidates {
         band: &Band<'_>,
         known: impl Fn(u32) -> bool,
     ) {
+        self.unclear = 0;
         self.ids.clear();
         self.corners.clear();
         let gather = Gather { candidates: self, view, clusters, pyramid, band, known };
         InstructionSet::best().run(gather);
         self.pad();
+    }
+
+    /// Keeps those that a finer picture neither shows nor hides; from now on they are as `view`, its own, sees them.
+    pub fn sift(
+        &mut self,
+        view: &View,
+        mesh: &Mesh,
+        pyramid: &mut Pyramid,
+        band: &Band<'_>,
+        known: impl Fn(u32) -> bool,
+    ) {
+        for (corners, &id) in self.corners.iter_mut().zip(&self.ids) {
+            *corners = view.project_face(mesh, id);
+        }
+        InstructionSet::best().run(Sift { candidates: self, view, pyramid, band, known });
     }
 
     pub fn len(&self) -> usize {
@@ -149,7 +169,7 @@ impl<L: Lanes, K: Fn(u32) -> bool> Visitor<L> for Gather<'_, '_, K> {
         if cluster.ids.iter().all(|&id| (self.known)(id)) {
             return;
         }
-        let Candidates { ids, corners, projected, .. } = &mut *self.candidates;
+        let Candidates { ids, corners, unclear, projected, .. } = &mut *self.candidates;
         match view.projection {
             Projection::Perspective => projected.project::<L, true>(view, &cluster, RING),
             Projection::Orthographic => projected.project::<L, false>(view, &cluster, RING),
@@ -162,18 +182,53 @@ impl<L: Lanes, K: Fn(u32) -> bool> Visitor<L> for Gather<'_, '_, K> {
             }
             let (area, face) =
                 (projected.small.area(entry), projected.corners(projected.small.corners[entry]));
-            if !hides(self.pyramid, self.band, view, &area, nearest(view, &face)) {
-                ids.push(id);
-                corners.push(face);
+            let word = nearest(view, &face);
+            if !hides(self.pyramid, self.band, view, &area, word) {
+                *unclear += 1;
+                if !hides_closely::<L>(self.pyramid, self.band, view, &area, &face, word) {
+                    ids.push(id);
+                    corners.push(face);
+                }
             }
         }
         for entry in 0..projected.straddling.count {
             let id = projected.straddling.ids[entry];
             if !(self.known)(id) {
+                *unclear += 1;
                 ids.push(id);
                 corners.push(projected.corners(projected.straddling.corners[entry]));
             }
         }
+    }
+}
+
+/// [`Candidates::sift`] as a kernel.
+struct Sift<'a, 'b, K: Fn(u32) -> bool> {
+    candidates: &'a mut Candidates,
+    view: &'a View,
+    pyramid: &'a mut Pyramid,
+    band: &'a Band<'b>,
+    known: K,
+}
+
+impl<K: Fn(u32) -> bool> Kernel for Sift<'_, '_, K> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self) {
+        let Self { candidates, view, pyramid, band, known } = self;
+        candidates.retain_by(|id, corners, _| {
+            if known(id) {
+                return false;
+            }
+            let before = corners.iter().all(|v| v.w > 0.0);
+            let Some(area) = pixel_box(view, corners, &band.rows, RING).filter(|_| before) else {
+                return !before;
+            };
+            let word = nearest(view, corners);
+            !hides(pyramid, band, view, &area, word)
+                && !hides_closely::<L>(pyramid, band, view, &area, corners, word)
+        });
     }
 }
 
@@ -192,6 +247,54 @@ fn hides(pyramid: &mut Pyramid, band: &Band<'_>, view: &View, area: &PixelBox, w
                 .y
                 .clone()
                 .all(|y| band.samples[y * band.stride..][area.x.clone()].iter().all(|&sample| sample > word))
+}
+
+/// [`hides`], of the samples within [`RING`] of the face only: its box may have many more.
+#[inline(always)]
+fn hides_closely<L: Lanes>(
+    pyramid: &mut Pyramid,
+    band: &Band<'_>,
+    view: &View,
+    area: &PixelBox,
+    corners: &[Vertex; 3],
+    word: u64,
+) -> bool {
+    if in_border(&area.x, view.width) || in_border(&area.y, view.height) {
+        return false;
+    }
+    let Some(triangle) = Triangle::new(view, corners) else { return true };
+    let [e0, e1, e2] = triangle.edges;
+    let [r0, r1, r2] = [e0, e1, e2].map(|n| RING * (n.x.abs() + n.y.abs()));
+    let words = L::splat_word(word);
+    for top in (area.y.start / TILE * TILE..area.y.end).step_by(TILE) {
+        for left in (area.x.start / TILE * TILE..area.x.end).step_by(TILE) {
+            let block = PixelBox {
+                x: left.max(area.x.start)..(left + TILE).min(area.x.end),
+                y: top.max(area.y.start)..(top + TILE).min(area.y.end),
+            };
+            if pyramid.all_greater(band, &block, word) {
+                continue;
+            }
+            for y in block.y {
+                let at = view.row(y);
+                let [c0, c1, c2] = [e0.y * at + e0.z + r0, e1.y * at + e1.z + r1, e2.y * at + e2.z + r2];
+                for first in (left..left + TILE).step_by(L::COUNT) {
+                    let x = L::ramp().add(L::splat(view.column(first)));
+                    let mut near = L::splat(e0.x).mul(x).add(L::splat(c0)).ge(L::splat(0.0));
+                    near = L::and(near, L::splat(e1.x).mul(x).add(L::splat(c1)).ge(L::splat(0.0)));
+                    near = L::and(near, L::splat(e2.x).mul(x).add(L::splat(c2)).ge(L::splat(0.0)));
+                    let at = (y - band.rows.start) * band.stride + first;
+                    let samples = &band.samples[at..at + L::COUNT];
+                    // SAFETY: the slice holds a register of samples.
+                    let hidden = L::greater(unsafe { L::load_words(samples.as_ptr()) }, words);
+                    if L::bits(near) & !L::bits(hidden) != 0 {
+                        return false;
+                    }
+                }
+            }
+        }
+    }
+    true
 }
 
 /// Whether part of a range of samples may lie outside the outermost samples and little of it between them: of what

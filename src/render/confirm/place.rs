@@ -14,7 +14,8 @@ use std::ops::Range;
 const SIDE_PER_SHARE: f64 = 3.0;
 const MOST_SHARES: f64 = 8.0;
 
-/// Lists some points of a candidate that lie inside the image; a pixel has so many `samples` a side.
+/// Lists some points of a candidate that lie inside the image, and more of a long thin one; a pixel has so many `samples`
+/// a side.
 pub fn place(
     view: &View,
     candidates: &Candidates,
@@ -26,10 +27,13 @@ pub fn place(
     let corners = candidates.corners(candidate);
     let Some(triangle) = Triangle::new(view, corners) else { return };
     let (side, doubled_area) = size(corners);
-    let stretch = (side / (samples * SIDE_PER_SHARE)).clamp(1.0, MOST_SHARES);
-    let first = if doubled_area > THICK * samples * side { INTERIOR } else { 0 };
-    let index = |end: usize| first + (end as f64 * stretch) as usize;
-    for point in index(points.start)..index(points.end) {
+    let (first, shares) = if doubled_area > THICK * samples * side {
+        (INTERIOR, 1.0)
+    } else {
+        (0, (side / (samples * SIDE_PER_SHARE)).clamp(1.0, MOST_SHARES))
+    };
+    let end = points.start + (points.len() as f64 * shares) as usize;
+    for point in first + points.start..first + end {
         if let Some([x, y]) = project(view, corners, barycentric(point))
             && let Some(Nearness(value)) = triangle.hit(x, y)
         {
@@ -38,7 +42,7 @@ pub fn place(
     }
 }
 
-/// [`place`] of the first `count` points of all candidates, as a kernel.
+/// The first `count` points of all candidates, as a kernel.
 pub struct First<'a> {
     pub view: &'a View,
     pub candidates: &'a Candidates,
@@ -89,11 +93,7 @@ impl First<'_> {
             }
             let (side, doubled_area) = sizes([a, b, c]);
             let thick = doubled_area.gt(L::splat(THICK * samples).mul(side));
-            let stretch = side.div(L::splat(samples * SIDE_PER_SHARE));
-            let stretch = stretch.max(L::splat(1.0)).min(L::splat(MOST_SHARES));
-            let counts = L::select(good, L::splat(count as f64).mul(stretch), zero);
-            for point in 0..counts.greatest() as usize {
-                let wanted = L::and(good, counts.ge(L::splat((point + 1) as f64)));
+            for point in 0..count {
                 let (thin_weights, thick_weights) = (barycentric(point), barycentric(INTERIOR + point));
                 let weight = [
                     L::select(thick, L::splat(thick_weights[0]), L::splat(thin_weights[0])),
@@ -103,7 +103,7 @@ impl First<'_> {
                 let w = mix(weight, a[2], b[2], c[2]);
                 let x = mix(weight, a[0], b[0], c[0]).div(w);
                 let y = mix(weight, a[1], b[1], c[1]).div(w);
-                let mut mask = L::and(wanted, L::splat(0.5 * view.width as f64).ge(x.abs()));
+                let mut mask = L::and(good, L::splat(0.5 * view.width as f64).ge(x.abs()));
                 mask = L::and(mask, L::splat(0.5 * view.height as f64).ge(y.abs()));
                 mask = L::and(mask, plane_at(setup.edges[0], x, y).ge(setup.least[0]));
                 mask = L::and(mask, plane_at(setup.edges[1], x, y).ge(setup.least[1]));

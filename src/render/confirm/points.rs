@@ -279,21 +279,26 @@ fn hide<L: Lanes, const PERSPECTIVE: bool>(
 ) {
     let Lot { edges, least, plane, range, .. } = lot;
     let seen = view.seen();
+    let nearest = L::splat_word(lot.nearest[lane]);
     let mut hides_any = false;
     for strip in Points::strips(&area.y) {
         let run = points.run(strip, &area.x);
         for first in run.clone().step_by(L::COUNT) {
             let count = (run.end - first).min(L::COUNT);
             // SAFETY: the arrays are padded by the lanes of any register.
+            let keys = unsafe { L::load_words(points.keys[first..].as_ptr()) };
+            let mut mask = L::and(L::mask((1 << count) - 1), L::greater(nearest, keys));
+            if L::bits(mask) == 0 {
+                continue;
+            }
+            // SAFETY: the arrays are padded by the lanes of any register.
             let (x, y, limit) = unsafe {
                 let arrays = [&points.x[first..], &points.y[first..], &points.limits[first..]];
                 (L::load(arrays[0].as_ptr()), L::load(arrays[1].as_ptr()), L::load(arrays[2].as_ptr()))
             };
-            let mut mask = L::mask((1 << count) - 1);
-            for edge in 0..3 {
-                let value = plane_at(&edges[edge], lane, x, y);
-                mask = L::and(mask, value.ge(L::splat(least[edge][lane])));
-            }
+            mask = L::and(mask, plane_at(&edges[0], lane, x, y).ge(L::splat(least[0][lane])));
+            mask = L::and(mask, plane_at(&edges[1], lane, x, y).ge(L::splat(least[1][lane])));
+            mask = L::and(mask, plane_at(&edges[2], lane, x, y).ge(L::splat(least[2][lane])));
             let value =
                 plane_at(plane, lane, x, y).max(L::splat(range[0][lane])).min(L::splat(range[1][lane]));
             mask = L::and(mask, L::and(value.ge(L::splat(seen[0])), L::splat(seen[1]).ge(value)));

@@ -33,7 +33,7 @@ pub struct Lot {
     pub plane: [Each<f64>; 3],
     pub range: [Each<f64>; 2],
     /// No sample of the face is greater.
-    nearest: Each<u64>,
+    pub nearest: Each<u64>,
     /// The faces that are any, a bit each.
     pub good: u32,
 }
