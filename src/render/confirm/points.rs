@@ -41,6 +41,9 @@ const HALF_PIXEL: f64 = 0.5;
 /// them as long as a register.
 const STRIP: usize = 4;
 
+/// Boxes of up to so many columns are taken as they are.
+const NARROW: usize = 2 * TILE;
+
 /// Points, sorted by cell.
 #[derive(Debug, Default)]
 pub struct Points {
@@ -282,7 +285,7 @@ fn hide<L: Lanes, const PERSPECTIVE: bool>(
     let nearest = L::splat_word(lot.nearest[lane]);
     let mut hides_any = false;
     for strip in Points::strips(&area.y) {
-        let run = points.run(strip, &area.x);
+        let run = points.run(strip, &in_strip(view, lot, lane, strip, &area.x));
         for first in run.clone().step_by(L::COUNT) {
             let count = (run.end - first).min(L::COUNT);
             // SAFETY: the arrays are padded by the lanes of any register.
@@ -315,6 +318,29 @@ fn hide<L: Lanes, const PERSPECTIVE: bool>(
     if hides_any {
         points.touch(area);
     }
+}
+
+/// The ones among `columns` in which a face may have part of a strip: of a long slanting one they are few.
+#[inline(always)]
+fn in_strip(view: &View, lot: &Lot, lane: usize, strip: usize, columns: &Range<usize>) -> Range<usize> {
+    if columns.len() <= NARROW {
+        return columns.clone();
+    }
+    let top = (strip * STRIP) as f64 - 0.5 * view.height as f64;
+    let (mut low, mut high) = (columns.start as f64, columns.end as f64);
+    for n in &lot.edges {
+        let [x, y, z] = [n[0][lane], n[1][lane], n[2][lane]];
+        // Where the edge crosses the strip, at its more inward end, and a pixel to spare for rounding.
+        let crossing = (y * top).max(y * (top + STRIP as f64)) + z;
+        let at = -crossing / x + 0.5 * view.width as f64;
+        if x > 0.0 {
+            low = low.max(at - 1.0);
+        } else if x < 0.0 {
+            high = high.min(at + 2.0);
+        }
+    }
+    let first = (low as usize).min(columns.end);
+    first..(high as usize).clamp(first, columns.end)
 }
 
 /// A plane over the image at some positions, as [`Triangle::hit`] takes it at one.
