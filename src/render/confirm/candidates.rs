@@ -249,7 +249,7 @@ fn hides(pyramid: &mut Pyramid, band: &Band<'_>, view: &View, area: &PixelBox, w
                 .all(|y| band.samples[y * band.stride..][area.x.clone()].iter().all(|&sample| sample > word))
 }
 
-/// [`hides`], of the samples within [`RING`] of the face only: its box may have many more.
+/// [`hides`], of the samples within [`RING`] of the face only: a large box may have many more.
 #[inline(always)]
 fn hides_closely<L: Lanes>(
     pyramid: &mut Pyramid,
@@ -259,7 +259,10 @@ fn hides_closely<L: Lanes>(
     corners: &[Vertex; 3],
     word: u64,
 ) -> bool {
-    if in_border(&area.x, view.width) || in_border(&area.y, view.height) {
+    if area.x.len() * area.y.len() <= SMALL_BOX
+        || in_border(&area.x, view.width)
+        || in_border(&area.y, view.height)
+    {
         return false;
     }
     let Some(triangle) = Triangle::new(view, corners) else { return true };

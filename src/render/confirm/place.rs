@@ -42,11 +42,11 @@ pub fn place(
     }
 }
 
-/// The first `count` points of all candidates, as a kernel.
+/// Some of the first points of all candidates, as a kernel.
 pub struct First<'a> {
     pub view: &'a View,
     pub candidates: &'a Candidates,
-    pub count: usize,
+    pub points: Range<usize>,
     pub samples: f64,
     pub list: &'a mut Vec<Point>,
 }
@@ -66,7 +66,7 @@ impl Kernel for First<'_> {
 impl First<'_> {
     #[inline(always)]
     fn place<L: Lanes, const PERSPECTIVE: bool>(self) {
-        let Self { view, candidates, count, samples, list } = self;
+        let Self { view, candidates, points, samples, list } = self;
         for at in (0..candidates.len()).step_by(L::COUNT) {
             let real = (1_u32 << (candidates.len() - at).min(L::COUNT)) - 1;
             // SAFETY: candidates are padded by a register of them, and the faces name the corners of each in turn.
@@ -83,7 +83,7 @@ impl First<'_> {
             let mut behind = real & !before;
             while behind != 0 {
                 let owner = at + behind.trailing_zeros() as usize;
-                place(view, candidates, owner, 0..count, samples, list);
+                place(view, candidates, owner, points.clone(), samples, list);
                 behind &= behind - 1;
             }
             let setup = Setup::<L>::new::<PERSPECTIVE>([a, b, c]);
@@ -93,7 +93,7 @@ impl First<'_> {
             }
             let (side, doubled_area) = sizes([a, b, c]);
             let thick = doubled_area.gt(L::splat(THICK * samples).mul(side));
-            for point in 0..count {
+            for point in points.clone() {
                 let (thin_weights, thick_weights) = (barycentric(point), barycentric(INTERIOR + point));
                 let weight = [
                     L::select(thick, L::splat(thick_weights[0]), L::splat(thin_weights[0])),
