@@ -192,7 +192,7 @@ def machine() -> str:
     if Path("/proc/cpuinfo").exists():
         models = [line.split(":", 1)[1].strip() for line in open("/proc/cpuinfo") if line.startswith("model name")]
         name = models[0] if models else name
-    ours = f"cyclorama {cyc.__version__} {getattr(_core, 'instruction_set', str)()}".rstrip()
+    ours = f"cyclorama {cyc.__version__} {_core.instruction_set()}"
     return f"{name}, {cores()} cores, Python {platform.python_version()}, {ours}"
 
 

@@ -26,6 +26,9 @@ class Mesh:
         engine: str = "auto",
         threads: int | None = None,
     ) -> None: ...
+    def stages(
+        self, cameras: tuple[object, ...], fill: str | None = None, supersampling: int = 3, points: int = 12
+    ) -> list[tuple[str, float]]: ...
     def visible(
         self,
         cameras: tuple[object, ...],

@@ -9,7 +9,7 @@ use crate::render::lanes::InstructionSet;
 use crate::render::scene::{Engine, Scene};
 use crate::render::shade::{Colors, shade};
 use crate::render::view::View;
-use crate::render::visible::{Fill, Rays, visible_rows};
+use crate::render::visible::{Fill, Rays, stages, visible_rows};
 use glam::{DMat3, DVec3};
 use numpy::{
     PyArray1, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3, PyReadwriteArray2, PyReadwriteArray3,
@@ -151,6 +151,28 @@ impl PyMesh {
             camera.check()?;
             shade(mesh, &View::new(mesh, &camera), ids, colors, picture)
         })
+    }
+
+    /// Seconds that the rows of some cameras take by stage, one view after the other.
+    #[pyo3(signature = (cameras, fill=None, supersampling=3, points=12))]
+    fn stages(
+        &self,
+        py: Python<'_>,
+        cameras: CameraArrays<'_>,
+        fill: Option<&str>,
+        supersampling: usize,
+        points: usize,
+    ) -> PyResult<Vec<(&'static str, f64)>> {
+        let cameras = self::cameras(&cameras)?;
+        let rays = match fill {
+            None => None,
+            Some("rays") => Some(Rays { supersampling, points }),
+            Some(other) => {
+                return Err(PyValueError::new_err(format!("fill must be 'rays' or None, got {other:?}")));
+            }
+        };
+        let watch = interrupt::run(py, Some(1), None, |control| stages(&self.0, &cameras, rays, control))?;
+        Ok(watch.seconds().map(|(stage, seconds)| (stage.name(), seconds)).collect())
     }
 
     /// Sets in each of `rows` the faces that its camera sees.

@@ -21,6 +21,7 @@ pub mod raycast;
 pub mod scene;
 pub mod seen;
 pub mod shade;
+pub mod stages;
 pub mod triangle;
 pub mod view;
 pub mod visible;

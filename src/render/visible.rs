@@ -2,10 +2,12 @@
 
 use super::confirm::Confirm;
 use super::frame::{self, Frame};
+use super::lanes::InstructionSet;
 use super::neighbours;
 use super::raster::Painter;
 use super::scene::{Engine, Scene};
 use super::seen::Seen;
+use super::stages::{Clock, Stage, Stopwatch};
 use super::view::View;
 use crate::camera::Camera;
 use crate::control::Control;
@@ -144,4 +146,44 @@ fn look(
         set(row, face);
     }
     Ok(())
+}
+
+/// How long each stage of the rows of `cameras` takes, one view after the other, on the rasteriser; their bits are not
+/// kept.
+///
+/// # Errors
+/// As [`visible_rows`].
+pub fn stages(
+    scene: &Scene,
+    cameras: &[Camera],
+    rays: Option<Rays>,
+    control: &Control,
+) -> Result<Stopwatch, Error> {
+    let faces = scene.mesh().faces().len();
+    scene.prepare(Engine::Raster);
+    let Scratch { mut frame, mut painter, mut seen, mut confirm } = Scratch::default();
+    let mut row = vec![0; row_words(faces)];
+    let mut watch = Stopwatch::default();
+    for camera in cameras {
+        camera.check()?;
+        row.fill(0);
+        watch.restart();
+        let view = View::new(scene.mesh(), camera);
+        frame.clear(view.width, view.height);
+        watch.lap(Stage::Raster);
+        let set = InstructionSet::best();
+        painter.draw_timed(set, &view, scene.clusters(), &mut frame.whole(), &mut watch);
+        seen.collect(&frame, faces, &mut row);
+        watch.lap(Stage::Scan);
+        if let Some(rays) = rays {
+            confirm.look(scene, camera, rays, &mut frame, &mut row, |view, frame, row| {
+                frame.clear(view.width, view.height);
+                painter.draw(set, view, scene.clusters(), &mut frame.whole());
+                seen.collect(frame, faces, row);
+            });
+            watch.lap(Stage::Confirm);
+        }
+        control.step(1)?;
+    }
+    Ok(watch)
 }

@@ -9,6 +9,7 @@ use super::clusters::Clusters;
 use super::frame::{Band, sample};
 use super::lanes::{InstructionSet, Kernel, Lanes};
 use super::pyramid::{PixelBox, Pyramid};
+use super::stages::{Clock, Stage, Untimed};
 use super::triangle::Triangle;
 use super::view::{Vertex, View, screen_error};
 use crate::camera::Projection;
@@ -33,42 +34,50 @@ impl Painter {
     /// The result depends neither on the order of the faces nor on the machine: all instruction sets give the same
     /// bits.
     pub fn draw(&mut self, set: InstructionSet, view: &View, clusters: &Clusters, band: &mut Band<'_>) {
+        self.draw_timed(set, view, clusters, band, &mut Untimed);
+    }
+
+    /// [`draw`](Self::draw), telling a clock what is done.
+    pub fn draw_timed<C: Clock>(
+        &mut self,
+        set: InstructionSet,
+        view: &View,
+        clusters: &Clusters,
+        band: &mut Band<'_>,
+        clock: &mut C,
+    ) {
         self.pyramid.clear(band);
-        self.draw_behind(set, view, clusters, band);
-    }
-
-    /// [`draw`](Self::draw) into a band in which something is drawn.
-    pub fn draw_over(&mut self, set: InstructionSet, view: &View, clusters: &Clusters, band: &mut Band<'_>) {
-        self.pyramid.read(band);
-        self.draw_behind(set, view, clusters, band);
-    }
-
-    fn draw_behind(&mut self, set: InstructionSet, view: &View, clusters: &Clusters, band: &mut Band<'_>) {
         match view.projection {
-            Projection::Perspective => set.run(Draw::<true> { painter: self, view, clusters, band }),
-            Projection::Orthographic => set.run(Draw::<false> { painter: self, view, clusters, band }),
+            Projection::Perspective => {
+                set.run(Draw::<C, true> { painter: self, view, clusters, band, clock })
+            }
+            Projection::Orthographic => {
+                set.run(Draw::<C, false> { painter: self, view, clusters, band, clock })
+            }
         }
     }
 }
 
 /// [`Painter::draw`] as a kernel.
-struct Draw<'a, 'b, const PERSPECTIVE: bool> {
+struct Draw<'a, 'b, C: Clock, const PERSPECTIVE: bool> {
     painter: &'a mut Painter,
     view: &'a View,
     clusters: &'a Clusters,
     band: &'a mut Band<'b>,
+    clock: &'a mut C,
 }
 
-impl<const PERSPECTIVE: bool> Kernel for Draw<'_, '_, PERSPECTIVE> {
+impl<C: Clock, const PERSPECTIVE: bool> Kernel for Draw<'_, '_, C, PERSPECTIVE> {
     type Output = ();
 
     #[inline(always)]
     fn run<L: Lanes>(self) {
-        let Self { painter, view, clusters, band } = self;
+        let Self { painter, view, clusters, band, clock } = self;
         let Painter { pyramid, projected, hits, stack } = painter;
         let rows = band.rows.clone();
-        let mut drawing = Drawing::<PERSPECTIVE> { view, clusters, band, pyramid, projected, hits };
+        let mut drawing = Drawing::<C, PERSPECTIVE> { view, clusters, band, pyramid, projected, hits, clock };
         walk::<L>(view, clusters, &rows, 0.0, stack, &mut drawing);
+        drawing.clock.lap(Stage::Cull);
     }
 }
 
@@ -77,16 +86,17 @@ impl<const PERSPECTIVE: bool> Kernel for Draw<'_, '_, PERSPECTIVE> {
 const CLOSE: usize = 24;
 
 /// What the walk draws on.
-struct Drawing<'a, 'b, const PERSPECTIVE: bool> {
+struct Drawing<'a, 'b, C: Clock, const PERSPECTIVE: bool> {
     view: &'a View,
     clusters: &'a Clusters,
     band: &'a mut Band<'b>,
     pyramid: &'a mut Pyramid,
     projected: &'a mut Projected,
     hits: &'a mut Hits,
+    clock: &'a mut C,
 }
 
-impl<L: Lanes, const PERSPECTIVE: bool> Visitor<L> for Drawing<'_, '_, PERSPECTIVE> {
+impl<L: Lanes, C: Clock, const PERSPECTIVE: bool> Visitor<L> for Drawing<'_, '_, C, PERSPECTIVE> {
     #[inline(always)]
     fn skips(&mut self, stop: &Stop) -> bool {
         if stop.straddles {
@@ -100,9 +110,11 @@ impl<L: Lanes, const PERSPECTIVE: bool> Visitor<L> for Drawing<'_, '_, PERSPECTI
 
     #[inline(always)]
     fn visit(&mut self, cluster: u32, stop: &Stop) {
-        let Self { view, band, pyramid, projected, hits, .. } = self;
+        let Self { view, band, pyramid, projected, hits, clock, .. } = self;
+        clock.lap(Stage::Cull);
         let cluster = self.clusters.cluster(cluster);
         projected.project::<L, PERSPECTIVE>(view, &cluster, 0.0);
+        clock.lap(Stage::Transform);
         projected.sort::<L>(&cluster, &stop.area, SMALL);
         small::draw::<L, PERSPECTIVE>(view, projected, band, hits);
         let mut canvas = Canvas { view, band, pyramid };
@@ -117,6 +129,7 @@ impl<L: Lanes, const PERSPECTIVE: bool> Visitor<L> for Drawing<'_, '_, PERSPECTI
             }
         }
         pyramid.touch(&stop.area);
+        clock.lap(Stage::Raster);
     }
 }
 
