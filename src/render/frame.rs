@@ -23,6 +23,7 @@ pub struct Frame {
     pub width: usize,
     pub height: usize,
     stride: usize,
+    /// More than the frame has, if it was larger before.
     samples: Vec<u64>,
 }
 
@@ -43,9 +44,12 @@ impl Frame {
         (self.width, self.height) = (width, height);
         // An odd number of tiles a row: rows below each other then fall into different sets of the cache.
         self.stride = (width.div_ceil(TILE) | 1) * TILE;
-        self.samples.clear();
-        self.samples.resize(self.stride * height, 0);
-        for row in self.samples.chunks_exact_mut(self.stride) {
+        let count = self.stride * height;
+        if self.samples.len() < count {
+            self.samples.resize(count, 0);
+        }
+        self.samples[..count].fill(0);
+        for row in self.samples[..count].chunks_exact_mut(self.stride) {
             row[width..].fill(u64::MAX);
         }
     }
@@ -56,27 +60,28 @@ impl Frame {
         &self.samples[y * self.stride..][..self.width]
     }
 
-    /// The samples of a row, to be written.
-    #[inline]
-    pub fn row_mut(&mut self, y: usize) -> &mut [u64] {
-        &mut self.samples[y * self.stride..][..self.width]
-    }
-
     /// The samples, row by row.
     pub fn rows(&self) -> impl Iterator<Item = &[u64]> {
-        self.samples.chunks_exact(self.stride.max(1)).map(|row| &row[..self.width])
+        let count = self.stride * self.height;
+        self.samples[..count].chunks_exact(self.stride.max(1)).map(|row| &row[..self.width])
     }
 
     /// All rows.
     pub fn whole(&mut self) -> Band<'_> {
-        Band { rows: 0..self.height, width: self.width, stride: self.stride, samples: &mut self.samples }
+        let count = self.stride * self.height;
+        Band {
+            rows: 0..self.height,
+            width: self.width,
+            stride: self.stride,
+            samples: &mut self.samples[..count],
+        }
     }
 
     /// Bands of at most `rows` rows, rounded up to whole tiles.
     pub fn bands(&mut self, rows: usize) -> Vec<Band<'_>> {
         let rows = rows.next_multiple_of(TILE);
         let (width, height, stride) = (self.width, self.height, self.stride);
-        let bands = self.samples.chunks_mut(rows * stride).enumerate();
+        let bands = self.samples[..stride * height].chunks_mut(rows * stride).enumerate();
         bands
             .map(|(band, samples)| {
                 let rows = band * rows..((band + 1) * rows).min(height);

@@ -5,6 +5,7 @@
 //! Greene, Kass and Miller, "Hierarchical Z-buffer visibility", 1993, filled on demand).
 
 use super::frame::{Band, TILE};
+use super::lanes::{Lanes, MOST_LANES};
 use std::ops::Range;
 
 /// Each level's squares are so many of the level below wide.
@@ -85,7 +86,8 @@ impl Pyramid {
     }
 
     /// Whether every sample of a box that is not empty is greater than `word`.
-    pub fn all_greater(&mut self, band: &Band<'_>, area: &PixelBox, word: u64) -> bool {
+    #[inline(always)]
+    pub fn all_greater<L: Lanes>(&mut self, band: &Band<'_>, area: &PixelBox, word: u64) -> bool {
         let mut index = 0;
         let (columns, rows) = loop {
             let (columns, rows) = squares(area, self.top, side(index));
@@ -94,43 +96,65 @@ impl Pyramid {
             }
             index += 1;
         };
-        rows.into_iter().all(|row| columns.clone().all(|column| self.reaches(band, index, column, row, word)))
+        // Loops, not closures: those would not be compiled for the lanes.
+        for row in rows {
+            for column in columns.clone() {
+                if !self.reaches::<L>(band, index, column, row, word) {
+                    return false;
+                }
+            }
+        }
+        true
     }
 
     /// Whether every sample of a square is greater than `word`.
-    fn reaches(&mut self, band: &Band<'_>, index: usize, column: usize, row: usize, word: u64) -> bool {
+    #[inline(always)]
+    fn reaches<L: Lanes>(
+        &mut self,
+        band: &Band<'_>,
+        index: usize,
+        column: usize,
+        row: usize,
+        word: u64,
+    ) -> bool {
         let level = &self.levels[index];
         let at = row * level.columns + column;
-        level.farthest[at] > word || (level.stale[at] && self.refresh(band, index, column, row) > word)
+        level.farthest[at] > word || (level.stale[at] && self.refresh::<L>(band, index, column, row) > word)
     }
 
     /// Brings an entry up to date.
-    fn refresh(&mut self, band: &Band<'_>, index: usize, column: usize, row: usize) -> u64 {
-        let least = if index == 0 {
-            farthest_of_tile(band, column, row)
-        } else {
-            let below = &self.levels[index - 1];
-            let columns = column * FACTOR..((column + 1) * FACTOR).min(below.columns);
-            let rows = row * FACTOR..((row + 1) * FACTOR).min(below.rows);
-            let mut least = u64::MAX;
+    #[inline(always)]
+    fn refresh<L: Lanes>(&mut self, band: &Band<'_>, index: usize, column: usize, row: usize) -> u64 {
+        // The tiles below it first, then level by level what lies over them: the stale ones only.
+        for level in 0..=index {
+            let wide = FACTOR.pow((index - level) as u32);
+            let rows = row * wide..((row + 1) * wide).min(self.levels[level].rows);
             for row in rows {
-                for column in columns.clone() {
-                    let below = &self.levels[index - 1];
-                    let at = row * below.columns + column;
-                    least = least.min(if below.stale[at] {
-                        self.refresh(band, index - 1, column, row)
-                    } else {
-                        below.farthest[at]
-                    });
+                for column in column * wide..((column + 1) * wide).min(self.levels[level].columns) {
+                    let at = row * self.levels[level].columns + column;
+                    if self.levels[level].stale[at] {
+                        let least = match level {
+                            0 => farthest_of_tile::<L>(band, column, row),
+                            _ => self.levels[level - 1].farthest_under(column, row),
+                        };
+                        self.levels[level].farthest[at] = least;
+                        self.levels[level].stale[at] = false;
+                    }
                 }
             }
-            least
-        };
-        let level = &mut self.levels[index];
-        let at = row * level.columns + column;
-        level.farthest[at] = least;
-        level.stale[at] = false;
-        least
+        }
+        let level = &self.levels[index];
+        level.farthest[row * level.columns + column]
+    }
+}
+
+impl Level {
+    /// The least entry under a square of the next level.
+    fn farthest_under(&self, column: usize, row: usize) -> u64 {
+        let columns = column * FACTOR..((column + 1) * FACTOR).min(self.columns);
+        let rows = row * FACTOR..((row + 1) * FACTOR).min(self.rows);
+        let entries = rows.flat_map(|row| &self.farthest[row * self.columns..][columns.clone()]);
+        entries.fold(u64::MAX, |least, &entry| least.min(entry))
     }
 }
 
@@ -142,16 +166,21 @@ fn squares(area: &PixelBox, top: usize, side: usize) -> (Range<usize>, Range<usi
     (axis(&area.x, 0), axis(&area.y, top))
 }
 
-fn farthest_of_tile(band: &Band<'_>, column: usize, row: usize) -> u64 {
+#[inline(always)]
+fn farthest_of_tile<L: Lanes>(band: &Band<'_>, column: usize, row: usize) -> u64 {
     let rows = row * TILE..((row + 1) * TILE).min(band.rows.len());
-    let mut least = [u64::MAX; TILE];
+    let mut least = L::splat_word(u64::MAX);
     for y in rows {
         let samples = &band.samples[y * band.stride + column * TILE..][..TILE];
-        for (least, &sample) in least.iter_mut().zip(samples) {
-            *least = sample.min(*least);
+        for first in (0..TILE).step_by(L::COUNT) {
+            // SAFETY: a tile has whole registers of samples.
+            least = L::lesser(least, unsafe { L::load_words(samples[first..].as_ptr()) });
         }
     }
-    least.into_iter().fold(u64::MAX, u64::min)
+    let mut words = [u64::MAX; MOST_LANES];
+    // SAFETY: the array holds the lanes of any register.
+    unsafe { L::store_words(least, words.as_mut_ptr()) };
+    words.into_iter().fold(u64::MAX, u64::min)
 }
 
 #[cfg(test)]

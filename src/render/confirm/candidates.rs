@@ -159,7 +159,7 @@ impl<K: Fn(u32) -> bool> Kernel for Gather<'_, '_, K> {
 impl<L: Lanes, K: Fn(u32) -> bool> Visitor<L> for Gather<'_, '_, K> {
     #[inline(always)]
     fn skips(&mut self, stop: &Stop) -> bool {
-        !stop.straddles && hides(self.pyramid, self.band, self.view, &stop.area, stop.nearest)
+        !stop.straddles && hides::<L>(self.pyramid, self.band, self.view, &stop.area, stop.nearest)
     }
 
     #[inline(always)]
@@ -183,7 +183,7 @@ impl<L: Lanes, K: Fn(u32) -> bool> Visitor<L> for Gather<'_, '_, K> {
             let (area, face) =
                 (projected.small.area(entry), projected.corners(projected.small.corners[entry]));
             let word = nearest(view, &face);
-            if !hides(self.pyramid, self.band, view, &area, word) {
+            if !hides::<L>(self.pyramid, self.band, view, &area, word) {
                 *unclear += 1;
                 if !hides_closely::<L>(self.pyramid, self.band, view, &area, &face, word) {
                     ids.push(id);
@@ -217,36 +217,39 @@ impl<K: Fn(u32) -> bool> Kernel for Sift<'_, '_, K> {
     #[inline(always)]
     fn run<L: Lanes>(self) {
         let Self { candidates, view, pyramid, band, known } = self;
-        candidates.retain_by(|id, corners, _| {
-            if known(id) {
-                return false;
-            }
-            let before = corners.iter().all(|v| v.w > 0.0);
-            let Some(area) = pixel_box(view, corners, &band.rows, RING).filter(|_| before) else {
-                return !before;
-            };
-            let word = nearest(view, corners);
-            !hides(pyramid, band, view, &area, word)
-                && !hides_closely::<L>(pyramid, band, view, &area, corners, word)
-        });
+        let mut kept = Vec::with_capacity(candidates.len());
+        for (&id, corners) in candidates.ids.iter().zip(&candidates.corners) {
+            let before = corners[0].w > 0.0 && corners[1].w > 0.0 && corners[2].w > 0.0;
+            kept.push(!known(id) && (!before || sees::<L>(pyramid, band, view, corners)));
+        }
+        let mut kept = kept.into_iter();
+        candidates.retain_by(|_, _, _| kept.next() == Some(true));
     }
 }
 
-/// Boxes of up to this many samples are read sample by sample where their tiles leave it open.
+/// Whether a picture leaves a face that lies before the eye's plane unclear.
+#[inline(always)]
+fn sees<L: Lanes>(pyramid: &mut Pyramid, band: &Band<'_>, view: &View, corners: &[Vertex; 3]) -> bool {
+    let Some(area) = pixel_box(view, corners, &band.rows, RING) else { return false };
+    let word = nearest(view, corners);
+    !hides::<L>(pyramid, band, view, &area, word)
+        && !hides_closely::<L>(pyramid, band, view, &area, corners, word)
+}
+
+/// Boxes of up to this many samples are read sample by sample, larger ones by tiles.
 const SMALL_BOX: usize = 64;
 
 /// Whether all samples in and around something are nearer than it.
 #[inline(always)]
-fn hides(pyramid: &mut Pyramid, band: &Band<'_>, view: &View, area: &PixelBox, word: u64) -> bool {
+fn hides<L: Lanes>(pyramid: &mut Pyramid, band: &Band<'_>, view: &View, area: &PixelBox, word: u64) -> bool {
     if in_border(&area.x, view.width) || in_border(&area.y, view.height) {
         return false;
     }
-    pyramid.all_greater(band, area, word)
-        || area.x.len() * area.y.len() <= SMALL_BOX
-            && area
-                .y
-                .clone()
-                .all(|y| band.samples[y * band.stride..][area.x.clone()].iter().all(|&sample| sample > word))
+    if area.x.len() * area.y.len() <= SMALL_BOX {
+        band.all_greater::<L>(&area.x, &area.y, word)
+    } else {
+        pyramid.all_greater::<L>(band, area, word)
+    }
 }
 
 /// [`hides`], of the samples within [`RING`] of the face only: a large box may have many more.
@@ -275,7 +278,7 @@ fn hides_closely<L: Lanes>(
                 x: left.max(area.x.start)..(left + TILE).min(area.x.end),
                 y: top.max(area.y.start)..(top + TILE).min(area.y.end),
             };
-            if pyramid.all_greater(band, &block, word) {
+            if pyramid.all_greater::<L>(band, &block, word) {
                 continue;
             }
             for y in block.y {

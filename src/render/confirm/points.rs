@@ -171,7 +171,12 @@ impl Points {
     /// Whether a box's strips have a point.
     #[inline(always)]
     fn any(&self, area: &PixelBox) -> bool {
-        Self::strips(&area.y).any(|strip| !self.run(strip, &area.x).is_empty())
+        for strip in Self::strips(&area.y) {
+            if !self.run(strip, &area.x).is_empty() {
+                return true;
+            }
+        }
+        false
     }
 }
 

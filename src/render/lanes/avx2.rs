@@ -426,6 +426,19 @@ impl Lanes for Four {
     }
 
     #[inline(always)]
+    unsafe fn store_words(words: Self::Words, to: *mut u64) {
+        within_run!(_mm256_storeu_si256(to.cast(), words));
+    }
+
+    #[inline(always)]
+    fn lesser(a: Self::Words, b: Self::Words) -> Self::Words {
+        within_run!({
+            let mask = _mm256_castpd_si256(above(a, b));
+            _mm256_blendv_epi8(a, b, mask)
+        })
+    }
+
+    #[inline(always)]
     fn greater(a: Self::Words, b: Self::Words) -> Self::Mask {
         above(a, b)
     }

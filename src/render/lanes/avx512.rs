@@ -354,6 +354,16 @@ impl Lanes for Eight {
     }
 
     #[inline(always)]
+    unsafe fn store_words(words: Self::Words, to: *mut u64) {
+        within_run!(_mm512_storeu_si512(to.cast(), words));
+    }
+
+    #[inline(always)]
+    fn lesser(a: Self::Words, b: Self::Words) -> Self::Words {
+        within_run!(_mm512_min_epu64(a, b))
+    }
+
+    #[inline(always)]
     fn greater(a: Self::Words, b: Self::Words) -> Self::Mask {
         within_run!(_mm512_cmpgt_epu64_mask(a, b))
     }

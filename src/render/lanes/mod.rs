@@ -131,6 +131,11 @@ pub trait Lanes: Copy {
     unsafe fn load_words(from: *const u64) -> Self::Words;
     /// The words of values within [`KEY_RANGE`](super::triangle::KEY_RANGE), with what their faces add.
     fn words<const PERSPECTIVE: bool>(values: Self, tags: Self::Words) -> Self::Words;
+    /// # Safety
+    /// As said of the trait.
+    unsafe fn store_words(words: Self::Words, to: *mut u64);
+    /// Lane by lane the lesser.
+    fn lesser(a: Self::Words, b: Self::Words) -> Self::Words;
     /// Where `a` is greater.
     fn greater(a: Self::Words, b: Self::Words) -> Self::Mask;
     /// Where the mask is set, the greater of what is at `at` and `words`; elsewhere what is there is written again.

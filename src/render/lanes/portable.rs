@@ -304,6 +304,17 @@ impl Lanes for Four {
     }
 
     #[inline(always)]
+    unsafe fn store_words(words: Self::Words, to: *mut u64) {
+        // SAFETY: the lanes are there, as the trait asks.
+        unsafe { to.cast::<[u64; COUNT]>().write(words) }
+    }
+
+    #[inline(always)]
+    fn lesser(a: Self::Words, b: Self::Words) -> Self::Words {
+        std::array::from_fn(|lane| a[lane].min(b[lane]))
+    }
+
+    #[inline(always)]
     fn greater(a: Self::Words, b: Self::Words) -> Self::Mask {
         std::array::from_fn(|lane| all(a[lane] > b[lane]))
     }

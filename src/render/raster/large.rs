@@ -46,7 +46,8 @@ pub fn draw<L: Lanes, const PERSPECTIVE: bool>(projected: &Projected, canvas: &m
         let lot = Lot::new::<L, PERSPECTIVE>(projected, list, at);
         for lane in 0..(list.count - at).min(L::COUNT) {
             let area = list.area(at + lane);
-            if lot.good >> lane & 1 == 1 && !canvas.pyramid.all_greater(canvas.band, &area, lot.nearest[lane])
+            if lot.good >> lane & 1 == 1
+                && !canvas.pyramid.all_greater::<L>(canvas.band, &area, lot.nearest[lane])
             {
                 Brush::<L>::new(canvas.view, &lot, lane, list.ids[at + lane])
                     .draw::<PERSPECTIVE>(&area, canvas);

@@ -105,7 +105,7 @@ impl<L: Lanes, C: Clock, const PERSPECTIVE: bool> Visitor<L> for Drawing<'_, '_,
         if stop.area.x.len() <= CLOSE && stop.area.y.len() <= CLOSE {
             return self.band.all_greater::<L>(&stop.area.x, &stop.area.y, stop.nearest);
         }
-        self.pyramid.all_greater(self.band, &stop.area, stop.nearest)
+        self.pyramid.all_greater::<L>(self.band, &stop.area, stop.nearest)
     }
 
     #[inline(always)]
