@@ -84,7 +84,7 @@ def visible(
     *,
     rings: int = 1,
     supersampling: int = 3,
-    points: int = 12,
+    points: int = 16,
     engine: Engine = "auto",
     known: Bitfields | npt.NDArray[np.uint64] | None = None,
     out: npt.NDArray[np.uint64] | None = None,

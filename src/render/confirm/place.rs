@@ -11,8 +11,8 @@ use std::ops::Range;
 
 /// A long thin face can show in any of the gaps along it: it gets as many times as many points as its box's longer side
 /// has so many pixels, up to [`MOST_SHARES`] times.
-const SIDE_PER_SHARE: f64 = 3.0;
-const MOST_SHARES: f64 = 8.0;
+const SIDE_PER_SHARE: f64 = 1.5;
+const MOST_SHARES: f64 = 12.0;
 
 /// Lists some points of a candidate that lie inside the image, and more of a long thin one; a pixel has so many `samples`
 /// a side.
