@@ -73,8 +73,9 @@ mod tests {
                 let mut row = vec![0; faces.div_ceil(64)];
                 row[0] = had;
                 let mut expected = row.clone();
-                for y in 0..height {
-                    for (x, at) in frame.row_mut(y).iter_mut().enumerate() {
+                let band = frame.whole();
+                for (y, samples) in band.samples.chunks_exact_mut(band.stride).enumerate() {
+                    for (x, at) in samples[..width].iter_mut().enumerate() {
                         let (hit, face) = shown[y * width + x];
                         if hit && (face as usize) < faces {
                             *at = sample(1 << 40, face);

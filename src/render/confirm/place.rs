@@ -25,15 +25,30 @@ pub fn place(
     list: &mut Vec<Point>,
 ) {
     let corners = candidates.corners(candidate);
-    let Some(triangle) = Triangle::new(view, corners) else { return };
     let (side, doubled_area) = size(corners);
-    let (first, shares) = if doubled_area > THICK * samples * side {
-        (INTERIOR, 1.0)
+    let shares = if doubled_area > THICK * samples * side {
+        1.0
     } else {
-        (0, (side / (samples * SIDE_PER_SHARE)).clamp(1.0, MOST_SHARES))
+        (side / (samples * SIDE_PER_SHARE)).clamp(1.0, MOST_SHARES)
     };
     let end = points.start + (points.len() as f64 * shares) as usize;
-    for point in first + points.start..first + end {
+    place_exactly(view, candidates, candidate, points.start..end, samples, list);
+}
+
+/// [`place`], no more of a long thin one.
+fn place_exactly(
+    view: &View,
+    candidates: &Candidates,
+    candidate: usize,
+    points: Range<usize>,
+    samples: f64,
+    list: &mut Vec<Point>,
+) {
+    let corners = candidates.corners(candidate);
+    let Some(triangle) = Triangle::new(view, corners) else { return };
+    let (side, doubled_area) = size(corners);
+    let first = if doubled_area > THICK * samples * side { INTERIOR } else { 0 };
+    for point in first + points.start..first + points.end {
         if let Some([x, y]) = project(view, corners, barycentric(point))
             && let Some(Nearness(value)) = triangle.hit(x, y)
         {
@@ -83,7 +98,7 @@ impl First<'_> {
             let mut behind = real & !before;
             while behind != 0 {
                 let owner = at + behind.trailing_zeros() as usize;
-                place(view, candidates, owner, points.clone(), samples, list);
+                place_exactly(view, candidates, owner, points.clone(), samples, list);
                 behind &= behind - 1;
             }
             let setup = Setup::<L>::new::<PERSPECTIVE>([a, b, c]);
@@ -266,7 +281,7 @@ mod tests {
             candidates.gather(&view, &clusters, &mut pyramid, &band, |_| false);
             let mut alone = Vec::new();
             for owner in 0..candidates.len() {
-                place(&view, &candidates, owner, 0..count, samples, &mut alone);
+                place_exactly(&view, &candidates, owner, 0..count, samples, &mut alone);
             }
             for point in &alone {
                 prop_assert!(point.x.abs() <= 0.5 * view.width as f64 && point.y.abs() <= 0.5 * view.height as f64);
@@ -275,7 +290,7 @@ mod tests {
             }
             for set in InstructionSet::available() {
                 let mut list = Vec::new();
-                set.run(First { view: &view, candidates: &candidates, count, samples, list: &mut list });
+                set.run(First { view: &view, candidates: &candidates, points: 0..count, samples, list: &mut list });
                 prop_assert_eq!(bits(&list), bits(&alone), "{:?}", set);
             }
         }
