@@ -156,7 +156,6 @@ impl Scene {
         let mut frame = Frame::default();
         frame.clear(view.width, view.height);
         let rows = view.height.div_ceil(2 * rayon::current_num_threads()).max(64);
-
         frame.bands(rows).into_par_iter().for_each(|mut band| {
             let mut painter = Painter::default();
             match &listed {

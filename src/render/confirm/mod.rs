@@ -83,7 +83,8 @@ impl Confirm {
         self.list.clear();
         let samples = rays.supersampling as f64;
         for owner in 0..self.candidates.len() {
-            place::place(&view, &self.candidates, owner, FIRST..rays.points, samples, &mut self.list);
+            let points = place::stretched(self.candidates.corners(owner), FIRST..rays.points, samples);
+            place::place(&view, &self.candidates, owner, points, samples, &mut self.list);
         }
         self.test(scene, &view, row);
     }

@@ -14,29 +14,18 @@ use std::ops::Range;
 const SIDE_PER_SHARE: f64 = 1.5;
 const MOST_SHARES: f64 = 12.0;
 
-/// Lists some points of a candidate that lie inside the image, and more of a long thin one; a pixel has so many `samples`
-/// a side.
-pub fn place(
-    view: &View,
-    candidates: &Candidates,
-    candidate: usize,
-    points: Range<usize>,
-    samples: f64,
-    list: &mut Vec<Point>,
-) {
-    let corners = candidates.corners(candidate);
+/// These points of a face, and those that follow if it is long and thin; a pixel has so many `samples` a side.
+pub fn stretched(corners: &[Vertex; 3], points: Range<usize>, samples: f64) -> Range<usize> {
     let (side, doubled_area) = size(corners);
-    let shares = if doubled_area > THICK * samples * side {
-        1.0
-    } else {
-        (side / (samples * SIDE_PER_SHARE)).clamp(1.0, MOST_SHARES)
-    };
-    let end = points.start + (points.len() as f64 * shares) as usize;
-    place_exactly(view, candidates, candidate, points.start..end, samples, list);
+    if doubled_area > THICK * samples * side {
+        return points;
+    }
+    let shares = (side / (samples * SIDE_PER_SHARE)).clamp(1.0, MOST_SHARES);
+    points.start..points.start + (points.len() as f64 * shares) as usize
 }
 
-/// [`place`], no more of a long thin one.
-fn place_exactly(
+/// Lists some points of a candidate that lie inside the image; a pixel has so many `samples` a side.
+pub fn place(
     view: &View,
     candidates: &Candidates,
     candidate: usize,
@@ -98,7 +87,7 @@ impl First<'_> {
             let mut behind = real & !before;
             while behind != 0 {
                 let owner = at + behind.trailing_zeros() as usize;
-                place_exactly(view, candidates, owner, points.clone(), samples, list);
+                place(view, candidates, owner, points.clone(), samples, list);
                 behind &= behind - 1;
             }
             let setup = Setup::<L>::new::<PERSPECTIVE>([a, b, c]);
@@ -281,7 +270,7 @@ mod tests {
             candidates.gather(&view, &clusters, &mut pyramid, &band, |_| false);
             let mut alone = Vec::new();
             for owner in 0..candidates.len() {
-                place_exactly(&view, &candidates, owner, 0..count, samples, &mut alone);
+                place(&view, &candidates, owner, 0..count, samples, &mut alone);
             }
             for point in &alone {
                 prop_assert!(point.x.abs() <= 0.5 * view.width as f64 && point.y.abs() <= 0.5 * view.height as f64);
