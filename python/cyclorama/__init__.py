@@ -5,6 +5,7 @@ from .assembly import Assembly
 from .baking import bake
 from .bitfield import Bitfields
 from .camera import Camera
+from .depth_image import DepthImage, disparity_from_zbuffer
 from .evaluation import Evaluation, evaluate
 from .loading import describe, load
 from .merging import merge
@@ -22,6 +23,7 @@ __all__ = [
     "Assembly",
     "Bitfields",
     "Camera",
+    "DepthImage",
     "Evaluation",
     "PathVisibility",
     "Region",
@@ -34,6 +36,7 @@ __all__ = [
     "bake_path",
     "bitfield",
     "describe",
+    "disparity_from_zbuffer",
     "evaluate",
     "lab",
     "load",

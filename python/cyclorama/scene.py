@@ -12,6 +12,7 @@ import numpy.typing as npt
 from . import _core
 from .bitfield import Bitfields
 from .camera import Camera
+from .depth_image import DepthImage
 from .progress import Progress
 from .render import Engine, Fill, View, render, visible
 
@@ -137,6 +138,38 @@ class Scene:
         (0, 2.0)
         """
         return render(self, camera, faces, engine, out=out, threads=threads)
+
+    def depth_image(
+        self, camera: Camera, faces: npt.ArrayLike | None = None, *, threads: int | None = None
+    ) -> DepthImage:
+        """What `render` draws as an image with depth and ids.
+
+        Parameters
+        ----------
+        camera : Camera
+            A pinhole camera.
+        faces, threads
+            As for `render`.
+
+        Returns
+        -------
+        DepthImage
+            In the plain shaded colours; pixels that see nothing are missing.
+
+        Raises
+        ------
+        ValueError
+            If the camera is orthographic, and as for `render`.
+
+        Examples
+        --------
+        >>> import cyclorama as cyc
+        >>> scene = Scene([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+        >>> image = scene.depth_image(cyc.Camera.look_at([0.3, 0.3, 2], [0.3, 0.3, 0], width=3, height=3))
+        >>> image.disparity[1]
+        array([0. , 0.5, 0. ], dtype=float32)
+        """
+        return DepthImage.from_view(self.render(camera, faces, threads=threads))
 
     def visible(
         self,
