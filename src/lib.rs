@@ -19,6 +19,7 @@ pub mod bitfield;
 pub mod camera;
 pub mod control;
 pub mod error;
+pub mod image;
 pub mod mesh;
 pub mod patch;
 pub mod render;

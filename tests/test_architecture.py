@@ -19,6 +19,7 @@ MAY_USE = {
     "bitfield": set(),
     "sphere": set(),
     "render": {"mesh", "camera", "adjacency"},
+    "image": {"mesh", "camera", "render"},
     "visibility": {"mesh", "camera", "render"},
 }
 

@@ -8,6 +8,7 @@ mod patch;
 mod render;
 mod sphere;
 mod visibility;
+mod warp;
 
 use pyo3::prelude::*;
 
@@ -17,5 +18,6 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     patch::register(m)?;
     render::register(m)?;
     sphere::register(m)?;
-    visibility::register(m)
+    visibility::register(m)?;
+    warp::register(m)
 }

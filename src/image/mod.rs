@@ -1,0 +1,3 @@
+//! Pictures with depth that stand in for geometry.
+
+pub mod warp;

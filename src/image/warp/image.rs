@@ -1,0 +1,110 @@
+//! An image with depth as rows of samples.
+
+use super::canvas::{Band, Order};
+use super::forward::Samples;
+use super::mapping::{CHUNK, Chunk, Consecutive, Mapping};
+use super::sheets::Sheet;
+use crate::camera::Camera;
+use crate::error::Error;
+
+/// Colours of an image, row-major.
+#[derive(Debug, Clone, Copy)]
+pub enum Pixels<'a> {
+    Rgb(&'a [[u8; 3]]),
+    /// The fourth channel is not looked at.
+    Rgba(&'a [[u8; 4]]),
+}
+
+/// A picture with a disparity at every pixel.
+#[derive(Debug, Clone)]
+pub struct DepthImage<'a> {
+    pub camera: Camera,
+    pub pixels: Pixels<'a>,
+    /// 1 / depth, 0 at infinity.
+    pub disparity: &'a [f32],
+    /// Pixels that show nothing, whatever their disparity.
+    pub missing: Option<&'a [bool]>,
+}
+
+impl DepthImage<'_> {
+    /// # Errors
+    /// [`Error::Invalid`] for arrays that don't fit the camera's size.
+    pub fn check(&self) -> Result<(), Error> {
+        let count = self.camera.width * self.camera.height;
+        let colors = match self.pixels {
+            Pixels::Rgb(pixels) => pixels.len(),
+            Pixels::Rgba(pixels) => pixels.len(),
+        };
+        for (name, length) in [
+            ("color", colors),
+            ("disparity", self.disparity.len()),
+            ("missing", self.missing.map_or(count, <[bool]>::len)),
+        ] {
+            if length != count {
+                return Err(Error::Invalid(format!(
+                    "{name} has {length} pixels, the camera {} x {}",
+                    self.camera.width, self.camera.height
+                )));
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Samples for DepthImage<'_> {
+    fn camera(&self) -> &Camera {
+        &self.camera
+    }
+
+    #[inline(always)]
+    fn disparities(&self, y: usize) -> [f32; 2] {
+        let row = &self.disparity[y * self.camera.width..][..self.camera.width];
+        let (mut least, mut greatest) = (f32::INFINITY, 0.0_f32);
+        for &d in row {
+            least = if d < least { d } else { least };
+            greatest = if d > greatest { d } else { greatest };
+        }
+        [least, greatest]
+    }
+
+    #[inline(always)]
+    fn draw(&self, mapping: &Mapping, sheet: &Sheet, y: usize, order: Order, tag: u32, band: &mut Band<'_>) {
+        let row = mapping.row(y);
+        let mut chunk = Chunk::default();
+        let line = y * self.camera.width;
+        let (start, end) = (sheet.columns.start, sheet.columns.end);
+        let parts = (end - start).div_ceil(CHUNK);
+        for part in 0..parts {
+            let part = if sheet.leftward { parts - 1 - part } else { part };
+            let first = start + part * CHUNK;
+            let last = (first + CHUNK).min(end);
+            let count = last - first;
+            let at = line + first..line + last;
+            row.project::<_, false>(
+                Consecutive(first),
+                &self.disparity[at.clone()],
+                &band.window,
+                &mut chunk,
+            );
+            if let Some(missing) = self.missing {
+                for (cell, &missing) in chunk.cells.iter_mut().zip(&missing[at.clone()]) {
+                    *cell = if missing { band.window.nowhere } else { *cell };
+                }
+            }
+            match (self.pixels, order) {
+                (Pixels::Rgb(p), Order::Occlusion) => {
+                    band.draw::<_, false>(&chunk, count, &p[at], tag, sheet.leftward);
+                }
+                (Pixels::Rgb(p), Order::Depth) => {
+                    band.draw::<_, true>(&chunk, count, &p[at], tag, sheet.leftward)
+                }
+                (Pixels::Rgba(p), Order::Occlusion) => {
+                    band.draw::<_, false>(&chunk, count, &p[at], tag, sheet.leftward);
+                }
+                (Pixels::Rgba(p), Order::Depth) => {
+                    band.draw::<_, true>(&chunk, count, &p[at], tag, sheet.leftward)
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,359 @@
+//! Where the pixels of one camera are in another.
+//!
+//! A pixel `x1 = (x, y, 1)` of the source with disparity `d = 1 / depth` lies at the homogeneous target pixel
+//! `x2 = P2^-1 P1 x1 + d P2^-1 (c1 - c2)`, whose last coordinate is the depth there over the depth here (McMillan and
+//! Bishop's equation, section 4.2.1 of the 1998 dissertation; its back-projections `P` are our `K R` inverted). So a sample
+//! is in front of the target's eye where that coordinate is positive, infinitely far ones included, and its disparity there
+//! is `d` over it. Along a row only `x` and `d` change: two multiplications and additions a coordinate.
+
+use crate::camera::{Camera, Projection};
+use crate::error::Error;
+use glam::{DMat3, DVec3, dvec3};
+
+/// How many samples are mapped together: what they need stays in the first-level cache.
+pub const CHUNK: usize = 256;
+
+/// Rounding of the last coordinate in float32, in units of its terms: below it float64 decides on which side a sample is.
+const DOUBT: f64 = 8.0 * f32::EPSILON as f64;
+
+/// The map from a source camera's pixels and disparities to a target camera's.
+#[derive(Debug, Clone)]
+pub struct Mapping {
+    /// Homogeneous source pixels to target pixels at infinity.
+    pub matrix: DMat3,
+    /// What a disparity of one adds.
+    pub offset: DVec3,
+    /// The target's eye as the source's homogeneous pixel: the epipole.
+    pub epipole: DVec3,
+    /// The target's near plane: samples with less depth there are not seen.
+    pub near: f64,
+    /// How much larger a pixel of the source is in the target, at the same depth, along each axis.
+    pub magnification: [f64; 2],
+}
+
+impl Mapping {
+    /// # Errors
+    /// [`Error::Invalid`] if a camera is orthographic, or none at all ([`Camera::check`]).
+    pub fn new(source: &Camera, target: &Camera) -> Result<Self, Error> {
+        for (name, camera) in [("source", source), ("target", target)] {
+            camera.check()?;
+            if camera.projection == Projection::Orthographic {
+                return Err(Error::Invalid(format!(
+                    "the {name} camera is orthographic: a warp needs an eye at both ends"
+                )));
+            }
+        }
+        let rotation = target.rotation * source.rotation.transpose();
+        let translation = target.translation - rotation * source.translation;
+        Ok(Self {
+            matrix: target.k * rotation * source.k.inverse(),
+            offset: target.k * translation,
+            epipole: source.k * (rotation.transpose() * -translation),
+            near: target.near,
+            magnification: [0, 1].map(|axis| target.k.col(axis)[axis] / source.k.col(axis)[axis]),
+        })
+    }
+
+    /// Homogeneous target pixel of a point of the source's image, in the coordinates of `K`.
+    #[inline(always)]
+    pub fn homogeneous(&self, x: f64, y: f64, disparity: f64) -> DVec3 {
+        self.matrix * dvec3(x, y, 1.0) + disparity * self.offset
+    }
+
+    /// Target pixel coordinates and disparity of a point of the source's image; `None` at or behind the eye's plane and
+    /// before the near plane.
+    #[inline(always)]
+    pub fn point(&self, x: f64, y: f64, disparity: f64) -> Option<[f64; 3]> {
+        let p = self.homogeneous(x, y, disparity);
+        (p.z > 0.0 && p.z >= self.near * disparity).then(|| [p.x / p.z, p.y / p.z, disparity / p.z])
+    }
+
+    /// The map along the centres of a row of pixels.
+    pub fn row(&self, y: usize) -> Row<'_> {
+        let y = y as f64 + 0.5;
+        let start = self.matrix * dvec3(0.5, y, 1.0);
+        let step = self.matrix.x_axis;
+        let single = |v: DVec3| [v.x as f32, v.y as f32, v.z as f32];
+        Row {
+            mapping: self,
+            y,
+            start: single(start),
+            step: single(step),
+            offset: single(self.offset),
+            near: self.near as f32,
+            doubt: [
+                (DOUBT * start.z.abs()) as f32,
+                (DOUBT * step.z.abs()) as f32,
+                (DOUBT * self.offset.z.abs()) as f32,
+            ],
+        }
+    }
+}
+
+/// A row of the source, ready to be mapped sample by sample.
+#[derive(Debug, Clone)]
+pub struct Row<'a> {
+    mapping: &'a Mapping,
+    y: f64,
+    /// Homogeneous target pixel of the first pixel's centre at infinity, what a column adds and what a disparity adds.
+    start: [f32; 3],
+    step: [f32; 3],
+    offset: [f32; 3],
+    near: f32,
+    /// Rounding of the last coordinate, term by term.
+    doubt: [f32; 3],
+}
+
+/// The columns of consecutive samples.
+pub trait Columns: Copy {
+    fn column(&self, sample: usize) -> f32;
+}
+
+/// A sample a pixel, from this column on.
+#[derive(Debug, Clone, Copy)]
+pub struct Consecutive(pub usize);
+
+impl Columns for Consecutive {
+    #[inline(always)]
+    fn column(&self, sample: usize) -> f32 {
+        (self.0 as i32 + sample as i32) as f32
+    }
+}
+
+/// Any columns, such as those of several samples a pixel.
+impl Columns for &[f32] {
+    #[inline(always)]
+    fn column(&self, sample: usize) -> f32 {
+        self[sample]
+    }
+}
+
+/// The pixels that samples may fall on: whole rows of an image.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Window {
+    pub width: usize,
+    /// The first row, and the one after the last.
+    pub top: usize,
+    pub bottom: usize,
+    /// Pixels from a row to the next.
+    pub stride: usize,
+    /// The cell of samples that fall on no pixel.
+    pub nowhere: u32,
+}
+
+impl Window {
+    /// The cell of a position, relative to the first row.
+    #[inline(always)]
+    fn cell(&self, u: f64, v: f64) -> u32 {
+        let inside = u >= 0.0 && u < self.width as f64 && v >= self.top as f64 && v < self.bottom as f64;
+        if inside { ((v as usize - self.top) * self.stride + u as usize) as u32 } else { self.nowhere }
+    }
+}
+
+/// Where some samples fall.
+#[repr(align(64))]
+#[derive(Debug, Clone)]
+pub struct Chunk {
+    /// Pixel coordinates; anything where a sample falls nowhere.
+    pub u: [f32; CHUNK],
+    pub v: [f32; CHUNK],
+    /// The pixel of the [`Window`] that each falls on.
+    pub cells: [u32; CHUNK],
+    /// Disparity in the target.
+    pub nearness: [f32; CHUNK],
+    /// Source depth over target depth.
+    pub growth: [f32; CHUNK],
+}
+
+impl Default for Chunk {
+    fn default() -> Self {
+        Self {
+            u: [0.0; CHUNK],
+            v: [0.0; CHUNK],
+            cells: [0; CHUNK],
+            nearness: [0.0; CHUNK],
+            growth: [0.0; CHUNK],
+        }
+    }
+}
+
+impl Row<'_> {
+    /// Maps up to [`CHUNK`] samples; `PLACES` also keeps their coordinates and growth.
+    ///
+    /// A disparity that is not a number falls nowhere.
+    #[inline(always)]
+    pub fn project<C: Columns, const PLACES: bool>(
+        &self,
+        columns: C,
+        disparity: &[f32],
+        window: &Window,
+        chunk: &mut Chunk,
+    ) {
+        assert!(disparity.len() <= CHUNK);
+        let ([x0, y0, w0], [x1, y1, w1], [x2, y2, w2]) = (self.start, self.step, self.offset);
+        let [doubt0, doubt1, doubt2] = self.doubt;
+        let (width, top, bottom) = (window.width as f32, window.top as f32, window.bottom as f32);
+        let (stride, nowhere) = (window.stride as i32, window.nowhere as i32);
+        let first = window.top as i32;
+        let mut doubtful = 0;
+        for (i, &d) in disparity.iter().enumerate() {
+            let x = columns.column(i);
+            let w = (w0 + x * w1) + d * w2;
+            let r = 1.0 / w;
+            let u = ((x0 + x * x1) + d * x2) * r;
+            let v = ((y0 + x * y1) + d * y2) * r;
+            let inside =
+                (w > 0.0) & (w >= self.near * d) & (u >= 0.0) & (u < width) & (v >= top) & (v < bottom);
+            let (column, line) = (if inside { u } else { 0.0 }, if inside { v } else { 0.0 });
+            // SAFETY: both lie within an image, whose sides are well below 2^31.
+            let (column, line) =
+                unsafe { (column.to_int_unchecked::<i32>(), line.to_int_unchecked::<i32>()) };
+            chunk.cells[i] = if inside { (line - first) * stride + column } else { nowhere } as u32;
+            chunk.nearness[i] = d * r;
+            if PLACES {
+                chunk.u[i] = u;
+                chunk.v[i] = v;
+                chunk.growth[i] = r;
+            }
+            doubtful |= i32::from(w.abs() <= (doubt0 + x * doubt1) + d * doubt2);
+        }
+        if doubtful != 0 {
+            self.decide::<C, PLACES>(columns, disparity, window, chunk);
+        }
+    }
+
+    /// Samples whose side of the eye's plane float32 can't tell, again in float64.
+    #[cold]
+    #[inline(never)]
+    fn decide<C: Columns, const PLACES: bool>(
+        &self,
+        columns: C,
+        disparity: &[f32],
+        window: &Window,
+        chunk: &mut Chunk,
+    ) {
+        for (i, &d) in disparity.iter().enumerate() {
+            let x = columns.column(i);
+            let w = (self.start[2] + x * self.step[2]) + d * self.offset[2];
+            if w.abs() > (self.doubt[0] + x * self.doubt[1]) + d * self.doubt[2] {
+                continue;
+            }
+            let d = f64::from(d);
+            let p = self.mapping.homogeneous(f64::from(x) + 0.5, self.y, d);
+            let seen = p.z > 0.0 && p.z >= self.mapping.near * d;
+            let (u, v) = if seen { (p.x / p.z, p.y / p.z) } else { (f64::NAN, f64::NAN) };
+            chunk.cells[i] = window.cell(u, v);
+            chunk.nearness[i] = (d / p.z) as f32;
+            if PLACES {
+                (chunk.u[i], chunk.v[i]) = (u as f32, v as f32);
+                chunk.growth[i] = (1.0 / p.z) as f32;
+            }
+        }
+    }
+
+    /// Rows of the target that samples of these columns, with disparities within a range, may fall on, as real numbers;
+    /// all of them where some may be behind the eye.
+    pub fn lines(&self, columns: [f32; 2], disparity: [f32; 2]) -> [f64; 2] {
+        let mut range = [f64::INFINITY, f64::NEG_INFINITY];
+        for x in columns {
+            for d in disparity {
+                let p = self.mapping.homogeneous(f64::from(x) + 0.5, self.y, f64::from(d));
+                // The last coordinate is linear in both: positive at the corners is positive between them, and there
+                // the ratio is greatest and least at corners.
+                if p.z <= 0.0 || p.z.is_nan() {
+                    return [f64::NEG_INFINITY, f64::INFINITY];
+                }
+                let v = p.y / p.z;
+                range = [range[0].min(v), range[1].max(v)];
+            }
+        }
+        range
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    pub fn camera(eye: DVec3, yaw: f64, pitch: f64) -> Camera {
+        let rotation = DMat3::from_rotation_x(pitch) * DMat3::from_rotation_y(yaw);
+        Camera {
+            k: DMat3::from_cols(dvec3(50.0, 0.0, 0.0), dvec3(0.0, 55.0, 0.0), dvec3(32.0, 24.0, 1.0)),
+            rotation,
+            translation: -(rotation * eye),
+            width: 64,
+            height: 48,
+            near: 0.0,
+            projection: Projection::Perspective,
+        }
+    }
+
+    const WINDOW: Window = Window { width: 64, top: 0, bottom: 48, stride: 64, nowhere: 64 * 48 };
+
+    proptest! {
+        #[test]
+        fn a_mapped_sample_is_the_projection_of_its_point(
+            eye in prop::array::uniform3(-2.0..2.0), turn in prop::array::uniform4(-1.5..1.5),
+            x in 0_usize..64, y in 0_usize..48, depth in 0.5_f32..20.0,
+        ) {
+            let source = camera(dvec3(0.3, -0.2, 0.1), turn[0], turn[1]);
+            let target = camera(DVec3::from_array(eye), turn[2], turn[3]);
+            let mapping = Mapping::new(&source, &target).unwrap();
+            let depth = f64::from(depth);
+            let ray = source.k.inverse() * dvec3(x as f64 + 0.5, y as f64 + 0.5, 1.0);
+            let world = source.rotation.transpose() * (ray * depth - source.translation);
+            let there = target.rotation * world + target.translation;
+            prop_assume!(there.z.abs() > 1e-3);
+            match mapping.point(x as f64 + 0.5, y as f64 + 0.5, 1.0 / depth) {
+                None => prop_assert!(there.z < 0.0),
+                Some([u, v, nearness]) => {
+                    let pixel = target.k * there / there.z;
+                    let scale = 1.0 + pixel.length();
+                    prop_assert!((u - pixel.x).abs() < 1e-9 * scale && (v - pixel.y).abs() < 1e-9 * scale);
+                    prop_assert!((nearness * there.z - 1.0).abs() < 1e-9 / there.z);
+                }
+            }
+        }
+
+        #[test]
+        fn rows_agree_with_points(
+            eye in prop::array::uniform3(-2.0..2.0), turn in prop::array::uniform2(-1.5..1.5),
+            y in 0_usize..48, disparity in prop::collection::vec(0.0_f32..2.0, 1..64),
+        ) {
+            let mapping = Mapping::new(&camera(DVec3::ZERO, 0.0, 0.0), &camera(DVec3::from_array(eye), turn[0], turn[1]))
+                .unwrap();
+            let mut chunk = Chunk::default();
+            mapping.row(y).project::<_, true>(Consecutive(0), &disparity, &WINDOW, &mut chunk);
+            for (x, &d) in disparity.iter().enumerate() {
+                let point = mapping.point(x as f64 + 0.5, y as f64 + 0.5, f64::from(d));
+                let cell = point.map_or(WINDOW.nowhere, |[u, v, _]| WINDOW.cell(u, v));
+                if let Some([u, v, _]) = point && u.abs().max(v.abs()) < 100.0 {
+                    prop_assert!((u - f64::from(chunk.u[x])).abs() < 2e-3, "{u} {}", chunk.u[x]);
+                    prop_assert!((v - f64::from(chunk.v[x])).abs() < 2e-3);
+                    let edge = |t: f64| (t - t.round()).abs() < 2e-3;
+                    prop_assert!(cell == chunk.cells[x] || edge(u) || edge(v));
+                } else {
+                    prop_assert_eq!(chunk.cells[x], WINDOW.nowhere);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_sample_in_the_plane_of_the_eye_falls_nowhere() {
+        // The eye moves onto the surface: 1 + d * (-depth) is zero, not merely small.
+        let depth = 3.0_f64;
+        let mapping =
+            Mapping::new(&camera(DVec3::ZERO, 0.0, 0.0), &camera(dvec3(0.0, 0.0, depth), 0.0, 0.0)).unwrap();
+        let mut chunk = Chunk::default();
+        let d = (1.0 / depth) as f32;
+        // A float32 third is a little more than a third: the sample is behind the plane by that much, the next one before.
+        for (disparity, seen) in [(d, false), (d.next_down(), true)] {
+            assert_eq!(mapping.point(32.0, 24.0, f64::from(disparity)).is_some(), seen);
+            mapping.row(24).project::<_, false>(Consecutive(0), &[disparity; 64], &WINDOW, &mut chunk);
+            let fallen = chunk.cells[..64].iter().filter(|&&cell| cell != WINDOW.nowhere).count();
+            assert!(seen || fallen == 0);
+        }
+    }
+}

@@ -1,0 +1,12 @@
+//! Forward warping: pictures with depth, seen from where they were not taken (1998 dissertation, section 4.2).
+//!
+//! [`mapping`] says where samples fall, [`sheets`] in which order they may be drawn, [`canvas`] keeps the winner of each
+//! pixel. [`forward`] puts them together for anything that has rows of samples, an
+//! image with depth or a layered one.
+
+pub mod canvas;
+pub mod forward;
+pub mod image;
+pub mod mapping;
+pub mod picture;
+pub mod sheets;
