@@ -1,6 +1,6 @@
 """Cyclorama decides ahead of time what of a 3D scene can be seen from where."""
 
-from . import bitfield, lab, patches, scenes, sphere
+from . import bitfield, lab, patches, scenes, sphere, warp
 from .assembly import Assembly
 from .baking import bake
 from .bitfield import Bitfields
@@ -46,4 +46,5 @@ __all__ = [
     "sphere",
     "tradeoff",
     "visible_from",
+    "warp",
 ]

@@ -120,3 +120,20 @@ def subdivide_faces(
     points: npt.NDArray[np.float64], faces: npt.NDArray[np.uint32], which: npt.NDArray[np.uint32]
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.uint32], npt.NDArray[np.uint32]]: ...
 def cover_rows(words: npt.NDArray[np.uint64], spare: int) -> npt.NDArray[np.uint32]: ...
+def warp_forward(
+    cameras: CameraArrays,
+    images: list[tuple[npt.NDArray[np.uint8], npt.NDArray[np.float32], npt.NDArray[np.bool_] | None]],
+    out: tuple[
+        npt.NDArray[np.uint8],
+        npt.NDArray[np.float32],
+        npt.NDArray[np.bool_],
+        npt.NDArray[np.bool_],
+        npt.NDArray[np.uint8],
+    ],
+    size: int,
+    order: str,
+    background: npt.NDArray[np.uint8] | None = None,
+    keep: bool = False,
+    threads: int | None = None,
+) -> None: ...
+def warp_map(cameras: CameraArrays, disparity: npt.NDArray[np.float64], out: npt.NDArray[np.float64]) -> None: ...

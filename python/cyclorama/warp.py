@@ -1,0 +1,265 @@
+"""Pictures with depth, seen from where they were not taken.
+
+Each pixel of an image with depth is a sample of a surface. A forward warp moves the samples to where another camera sees
+them (McMillan and Bishop's warp; section 4.2 of the 1998 dissertation) and leaves a *hole* where no sample comes to lie:
+behind what hid something from the image, outside of what it saw, and in cracks between samples that moved apart. What is
+guessed for holes is never mixed up with what is known: `Warped.hole` says which is which.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from . import _core
+from .camera import Camera, stack
+from .depth_image import DepthImage
+
+__all__ = ["NO_SOURCE", "Warped", "forward", "map"]
+
+NO_SOURCE = np.uint8(0xFF)
+"""The image in `Warped.source` of pixels that no sample covers."""
+
+Order = Literal["occlusion", "zbuffer"]
+Splat = int | Literal["projected", "disparity"]
+
+# Wider splats than this blur everything and take long.
+_WIDEST_SPLAT = 63
+_MOST_IMAGES = 255
+
+
+@dataclass(frozen=True, eq=False)
+class Warped:
+    """What a camera sees of warped images.
+
+    Attributes
+    ----------
+    color : (H, W, 3) ndarray of uint8
+        The background, or black, at holes.
+    depth : (H, W) ndarray of float32
+        Distance along the camera's axis of the sample that a pixel shows; infinity where it is infinitely far, and at
+        holes.
+    hole : (H, W) ndarray of bool
+        Pixels that no sample covers, whatever their colour.
+    exact : (H, W) ndarray of bool
+        Pixels that a sample's own centre fell on; the others that are no holes are covered by the rest of a splat.
+    source : (H, W) ndarray of uint8
+        Which of the images a pixel is from, `NO_SOURCE` at holes.
+    camera : Camera
+        The camera that was asked.
+    """
+
+    color: npt.NDArray[np.uint8]
+    depth: npt.NDArray[np.float32]
+    hole: npt.NDArray[np.bool_]
+    exact: npt.NDArray[np.bool_]
+    source: npt.NDArray[np.uint8]
+    camera: Camera
+
+    @classmethod
+    def empty(cls, camera: Camera) -> Warped:
+        """Memory for warps to this camera: all hole, black.
+
+        Parameters
+        ----------
+        camera : Camera
+            Of W x H pixels.
+
+        Examples
+        --------
+        >>> Warped.empty(Camera.look_at((0, 0, 1), (0, 0, 0), width=3, height=2)).hole.all()
+        np.True_
+        """
+        _check_camera(camera)
+        shape = (camera.height, camera.width)
+        return cls(
+            np.zeros((*shape, 3), np.uint8),
+            np.full(shape, np.inf, np.float32),
+            np.ones(shape, np.bool_),
+            np.zeros(shape, np.bool_),
+            np.full(shape, NO_SOURCE),
+            camera,
+        )
+
+    def __repr__(self) -> str:
+        height, width = self.hole.shape
+        share = 100 * np.count_nonzero(self.hole) / self.hole.size
+        return f"<Warped: {width} x {height}, {share:.1f} % hole>"
+
+
+def forward(
+    images: DepthImage | Sequence[DepthImage],
+    camera: Camera,
+    *,
+    splat: Splat = 3,
+    order: Order = "occlusion",
+    background: Warped | npt.NDArray[np.uint8] | None = None,
+    threads: int | None = None,
+    out: Warped | None = None,
+) -> Warped:
+    """Warp images to another camera.
+
+    Parameters
+    ----------
+    images : DepthImage or sequence of N DepthImage
+        Of any sizes, each with its own pinhole camera; 255 at most. Several are drawn in turn, one over the other, so the
+        farthest comes first: ``sorted(images, key=lambda i: -np.linalg.norm(i.camera.eye - camera.eye))``. None at all
+        is a picture that is all hole.
+    camera : Camera
+        A pinhole camera, W x H pixels: anywhere, looking anywhere. Samples at or behind the plane of its eye are
+        dropped, and those before its near plane.
+    splat : int
+        What a sample covers: a square of so many pixels a side, odd, 1 to 63, around the pixel that its centre falls on.
+        The centre counts more: a pixel that centres fall on shows one of them. Any other shows the nearest of the samples
+        shown in the square around it; of equally near ones one of the least distant row, of these of the least distant
+        column, of these the upper or left one.
+    order : {"occlusion", "zbuffer"}
+        Which of several samples that fall on one pixel is shown. "zbuffer": the nearest; of equally near ones that of
+        the last image, the last in it row by row. "occlusion" compares no depths: each image is drawn over those
+        before it, in up to four sheets around the epipole in which nearer samples come later (section 4.2.1 of the
+        dissertation), and the last one drawn is shown. That is the nearer of two samples on one ray; of samples of one
+        surface, or of neighbouring rows, that merely share a pixel it may be either.
+    background : Warped or (H, W, 3) ndarray of uint8, optional
+        The colours of holes, such as the previous picture, whose pixels so persist (section 4.2.3): holes all the same.
+        Black by default.
+    threads : int, optional
+        All cores by default. The picture doesn't depend on it.
+    out : Warped, optional
+        Memory for the answer, of the camera's size; may be the `background` as well.
+
+    Returns
+    -------
+    Warped
+        The picture, and what of it is known.
+
+    Raises
+    ------
+    ValueError
+        If an argument is none of the above, a camera is orthographic, or `out` or `background` has another size.
+
+    Examples
+    --------
+    >>> import cyclorama as cyc
+    >>> here = cyc.Camera.look_at((0, 0, 4), (0, 0, 0), width=64, height=48)
+    >>> wall = cyc.DepthImage(np.full((48, 64, 3), 200, np.uint8), np.full((48, 64), 4.0), here)
+    >>> aside = cyc.Camera.look_at((1, 0, 4), (1, 0, 0), width=64, height=48)
+    >>> forward(wall, aside)
+    <Warped: 64 x 48, 20.3 % hole>
+    """
+    pictures = [images] if isinstance(images, DepthImage) else list(images)
+    for index, image in enumerate(pictures):
+        if not isinstance(image, DepthImage):
+            raise ValueError(f"images[{index}] must be a DepthImage, got {type(image).__name__}")
+    if len(pictures) > _MOST_IMAGES:
+        raise ValueError(f"images has {len(pictures)} entries, a warp takes {_MOST_IMAGES} at most")
+    _check_camera(camera)
+    if order not in ("occlusion", "zbuffer"):
+        raise ValueError(f"order must be 'occlusion' or 'zbuffer', got {order!r}")
+    size = _splat_size(splat)
+    if out is None:
+        out = _fresh(camera)
+    elif not isinstance(out, Warped):
+        raise ValueError(f"out must be a Warped, got {type(out).__name__}")
+    elif out.hole.shape != (camera.height, camera.width):
+        raise ValueError(f"out has shape {out.hole.shape}, the camera {(camera.height, camera.width)}")
+    elif out.camera is not camera:
+        out = Warped(out.color, out.depth, out.hole, out.exact, out.source, camera)
+    behind = _colors_behind(background, out)
+    _core.warp_forward(
+        stack([*(image.camera for image in pictures), camera]),
+        [(image.color, image.disparity, image.missing) for image in pictures],
+        (out.color, out.depth, out.hole, out.exact, out.source),
+        size,
+        order,
+        None if behind is out.color else behind,
+        behind is out.color,
+        threads,
+    )
+    return out
+
+
+def map(source: Camera, target: Camera, depth: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    """Where the pixels of one camera are in another.
+
+    Parameters
+    ----------
+    source, target : Camera
+        Pinhole cameras; the source's has W x H pixels.
+    depth : (H, W) array_like of float, or float
+        Distance of each pixel's surface along the source's axis, infinity where infinitely far.
+
+    Returns
+    -------
+    (H, W, 2) ndarray of float64
+        Coordinates of each pixel's centre in the target, in those of its ``K``: its first pixel's centre is at
+        (0.5, 0.5). NaN at and behind the plane of the target's eye and before its near plane.
+
+    Raises
+    ------
+    ValueError
+        If a depth is NaN or not positive, its shape isn't the source's, or a camera is orthographic.
+
+    Notes
+    -----
+    The warping equation of section 4.2.1 of the 1998 dissertation, in float64. OpenCV puts the first pixel's centre
+    at (0, 0): subtract 0.5 to compare, and for `cv2.remap`.
+
+    Examples
+    --------
+    >>> here = Camera.look_at((0, 0, 4), (0, 0, 0), width=4, height=2)
+    >>> map(here, here, 4.0)[1, 3]
+    array([3.5, 1.5])
+    """
+    _check_camera(source, "source")
+    _check_camera(target, "target")
+    shape = (source.height, source.width)
+    values = np.asarray(depth, dtype=np.float64)
+    if values.shape not in (shape, ()):
+        raise ValueError(f"depth must be {shape} or one number, got shape {values.shape}")
+    for index in np.argwhere(~(values > 0)):
+        raise ValueError(f"depth{index.tolist() if len(index) else ''} is {values[tuple(index)]}: it must be positive")
+    out = np.empty((*shape, 2))
+    _core.warp_map(stack([source, target]), np.ascontiguousarray(np.broadcast_to(1.0 / values, shape)), out)
+    return out
+
+
+def _check_camera(camera: Camera, name: str = "camera") -> None:
+    if not isinstance(camera, Camera):
+        raise ValueError(f"{name} must be a Camera, got {type(camera).__name__}")
+    if camera.orthographic:
+        raise ValueError(f"{name} is orthographic: a warp needs an eye at both ends")
+
+
+def _splat_size(splat: Splat) -> int:
+    if isinstance(splat, (int, np.integer)) and 1 <= splat <= _WIDEST_SPLAT and splat % 2:
+        return int(splat)
+    raise ValueError(f"splat must be an odd number of pixels from 1 to {_WIDEST_SPLAT}, got {splat!r}")
+
+
+def _fresh(camera: Camera) -> Warped:
+    """Memory that is written to the last pixel."""
+    shape = (camera.height, camera.width)
+    return Warped(
+        np.empty((*shape, 3), np.uint8),
+        np.empty(shape, np.float32),
+        np.empty(shape, np.bool_),
+        np.empty(shape, np.bool_),
+        np.empty(shape, np.uint8),
+        camera,
+    )
+
+
+def _colors_behind(background: Warped | npt.NDArray[np.uint8] | None, out: Warped) -> npt.NDArray[np.uint8] | None:
+    """The background's colours: `out.color` itself if they are already there."""
+    if background is None:
+        return None
+    colors = background.color if isinstance(background, Warped) else np.asarray(background)
+    if colors.shape != out.color.shape or colors.dtype != np.uint8:
+        raise ValueError(f"background must be {out.color.shape} uint8, got {colors.shape} {colors.dtype}")
+    if colors is out.color:
+        return colors
+    return colors.copy() if np.may_share_memory(colors, out.color) else np.ascontiguousarray(colors)
