@@ -4,6 +4,7 @@ mod arrays;
 mod bitfield;
 mod errors;
 mod interrupt;
+mod layered;
 mod patch;
 mod render;
 mod sphere;
@@ -15,6 +16,7 @@ use pyo3::prelude::*;
 #[pymodule]
 fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     bitfield::register(m)?;
+    layered::register(m)?;
     patch::register(m)?;
     render::register(m)?;
     sphere::register(m)?;

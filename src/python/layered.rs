@@ -1,0 +1,125 @@
+//! Binding of layered depth images.
+
+use super::arrays::{row_major, rows_of};
+use super::interrupt;
+use super::render::{CameraArrays, cameras};
+use crate::camera::Camera;
+use crate::image::layered::build::{Conflict, Picture, build};
+use crate::image::layered::{Layered, place};
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+
+/// A checked layered depth image that the kernels own.
+#[pyclass(name = "Layered", frozen)]
+pub struct PyLayered {
+    pub image: Layered,
+}
+
+impl From<Layered> for PyLayered {
+    fn from(image: Layered) -> Self {
+        Self { image }
+    }
+}
+
+fn one(arrays: &CameraArrays<'_>) -> PyResult<Camera> {
+    cameras(arrays)?.pop().ok_or_else(|| PyValueError::new_err("no camera"))
+}
+
+/// Pictures as arrays: colour, disparity, missing.
+type PictureArrays<'py> =
+    (PyReadonlyArray3<'py, u8>, PyReadonlyArray2<'py, f32>, PyReadonlyArray2<'py, bool>);
+
+#[pymethods]
+impl PyLayered {
+    /// From samples by pixel, nearest first; `places` in sixteenths of a pixel from its centre.
+    #[new]
+    fn new(
+        camera: CameraArrays<'_>,
+        offsets: PyReadonlyArray1<'_, u32>,
+        colors: PyReadonlyArray2<'_, u8>,
+        disparities: PyReadonlyArray1<'_, f32>,
+        places: PyReadonlyArray2<'_, i8>,
+    ) -> PyResult<Self> {
+        let colors = rows_of::<3, _, _>("color", &colors)?;
+        let places = rows_of::<2, _, _>("place", &places)?;
+        if places.len() != colors.len() {
+            return Err(PyValueError::new_err(format!(
+                "{} places for {} colors",
+                places.len(),
+                colors.len()
+            )));
+        }
+        if let Some((index, at)) =
+            places.iter().enumerate().find(|(_, at)| at.iter().any(|s| !(-8..8).contains(s)))
+        {
+            return Err(PyValueError::new_err(format!("place[{index}] is {at:?}: it must be from -8 to 7")));
+        }
+        let words = colors.iter().zip(places).map(|(&rgb, at)| {
+            place::pack_at(rgb, f64::from(at[0]) / place::STEPS, f64::from(at[1]) / place::STEPS)
+        });
+        let offsets = row_major("offsets", &offsets)?.to_vec();
+        let disparities = row_major("disparity", &disparities)?.to_vec();
+        Ok(Layered::new(one(&camera)?, offsets, words.collect(), disparities)?.into())
+    }
+
+    /// Merges pictures into the first one; also says how many samples of each stayed.
+    #[staticmethod]
+    #[pyo3(signature = (cameras, pictures, footprints, color, threads=None))]
+    fn build(
+        py: Python<'_>,
+        cameras: CameraArrays<'_>,
+        pictures: Vec<PictureArrays<'_>>,
+        footprints: f64,
+        color: u8,
+        threads: Option<i64>,
+    ) -> PyResult<(Self, Vec<usize>)> {
+        let cameras = self::cameras(&cameras)?;
+        if cameras.len() != pictures.len() {
+            return Err(PyValueError::new_err("a camera for each picture"));
+        }
+        let pictures = cameras
+            .iter()
+            .zip(&pictures)
+            .map(|(camera, (color, disparity, missing))| {
+                Ok(Picture {
+                    camera,
+                    color: row_major("color", color)?,
+                    disparity: row_major("disparity", disparity)?,
+                    missing: row_major("missing", missing)?,
+                })
+            })
+            .collect::<PyResult<Vec<_>>>()?;
+        let conflict = Conflict { footprints, color };
+        let (image, kept) = interrupt::run(py, threads, None, |control| build(&pictures, conflict, control))?;
+        Ok((image.into(), kept))
+    }
+
+    fn __len__(&self) -> usize {
+        self.image.len()
+    }
+
+    fn offsets<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u32>> {
+        PyArray1::from_slice(py, self.image.offsets())
+    }
+
+    fn disparities<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f32>> {
+        PyArray1::from_slice(py, self.image.disparities())
+    }
+
+    /// (N, 3) red, green and blue.
+    fn colors<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<u8>>> {
+        let bytes = self.image.colors().iter().flat_map(|&color| place::rgb(color));
+        PyArray1::from_iter(py, bytes).reshape([self.image.len(), 3])
+    }
+
+    /// (N, 2) sixteenths of a pixel right and down of its centre.
+    fn places<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<i8>>> {
+        let steps = self.image.colors().iter().flat_map(|&color| place::steps(color).map(|s| s as i8));
+        PyArray1::from_iter(py, steps).reshape([self.image.len(), 2])
+    }
+}
+
+pub fn register(m: &Bound<'_, PyModule>) -> PyResult<()> {
+    m.add_class::<PyLayered>()
+}
