@@ -1,12 +1,13 @@
 """Cyclorama decides ahead of time what of a 3D scene can be seen from where."""
 
-from . import bitfield, lab, patches, scenes, sphere, warp
+from . import bitfield, lab, ldi, patches, scenes, sphere, warp
 from .assembly import Assembly
 from .baking import bake
 from .bitfield import Bitfields
 from .camera import Camera
 from .depth_image import DepthImage, disparity_from_zbuffer
 from .evaluation import Evaluation, evaluate
+from .ldi import LayeredDepthImage
 from .loading import describe, load
 from .merging import merge
 from .paths import PathVisibility, bake_path
@@ -25,6 +26,7 @@ __all__ = [
     "Camera",
     "DepthImage",
     "Evaluation",
+    "LayeredDepthImage",
     "PathVisibility",
     "Region",
     "Scene",
@@ -39,6 +41,7 @@ __all__ = [
     "disparity_from_zbuffer",
     "evaluate",
     "lab",
+    "ldi",
     "load",
     "merge",
     "patches",

@@ -1,7 +1,7 @@
 """The compiled kernels. Users call the modules beside this one."""
 
 from collections.abc import Callable
-from typing import final
+from typing import Any, final
 
 import numpy as np
 import numpy.typing as npt
@@ -67,6 +67,17 @@ class Layered:
         color: int,
         threads: int | None = None,
     ) -> tuple[Layered, list[int]]: ...
+    def warp(
+        self,
+        camera: tuple[object, ...],
+        out: tuple[npt.NDArray[Any], ...],
+        size: int,
+        order: str,
+        exact: bool,
+        background: npt.NDArray[np.uint8] | None = None,
+        keep: bool = False,
+        threads: int | None = None,
+    ) -> tuple[int, int, int]: ...
     def __len__(self) -> int: ...
     def offsets(self) -> npt.NDArray[np.uint32]: ...
     def disparities(self) -> npt.NDArray[np.float32]: ...

@@ -3,22 +3,30 @@
 use super::arrays::{row_major, rows_of};
 use super::interrupt;
 use super::render::{CameraArrays, cameras};
+use super::warp::{PictureArrays, order};
 use crate::camera::Camera;
+use crate::control::Control;
 use crate::image::layered::build::{Conflict, Picture, build};
+use crate::image::layered::tiles::Tiles;
+use crate::image::layered::warp::{Cull, Manner, warp};
 use crate::image::layered::{Layered, place};
+use crate::image::warp::picture::{Background, Picture as Out};
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+use std::sync::OnceLock;
 
 /// A checked layered depth image that the kernels own.
 #[pyclass(name = "Layered", frozen)]
 pub struct PyLayered {
-    pub image: Layered,
+    image: Layered,
+    /// The samples as they are drawn, sorted at the first warp.
+    tiles: OnceLock<Tiles>,
 }
 
 impl From<Layered> for PyLayered {
     fn from(image: Layered) -> Self {
-        Self { image }
+        Self { image, tiles: OnceLock::new() }
     }
 }
 
@@ -27,8 +35,7 @@ fn one(arrays: &CameraArrays<'_>) -> PyResult<Camera> {
 }
 
 /// Pictures as arrays: colour, disparity, missing.
-type PictureArrays<'py> =
-    (PyReadonlyArray3<'py, u8>, PyReadonlyArray2<'py, f32>, PyReadonlyArray2<'py, bool>);
+type ImageArrays<'py> = (PyReadonlyArray3<'py, u8>, PyReadonlyArray2<'py, f32>, PyReadonlyArray2<'py, bool>);
 
 #[pymethods]
 impl PyLayered {
@@ -69,7 +76,7 @@ impl PyLayered {
     fn build(
         py: Python<'_>,
         cameras: CameraArrays<'_>,
-        pictures: Vec<PictureArrays<'_>>,
+        pictures: Vec<ImageArrays<'_>>,
         footprints: f64,
         color: u8,
         threads: Option<i64>,
@@ -93,6 +100,49 @@ impl PyLayered {
         let conflict = Conflict { footprints, color };
         let (image, kept) = interrupt::run(py, threads, None, |control| build(&pictures, conflict, control))?;
         Ok((image.into(), kept))
+    }
+
+    /// Warps to a camera; says how many samples were drawn, hidden, and beside the image.
+    ///
+    /// `keep` leaves the colours of holes as they are in `out`.
+    #[pyo3(signature = (camera, out, size, order, exact, background=None, keep=false, threads=None))]
+    #[expect(clippy::too_many_arguments, reason = "one keyword each in Python")]
+    fn warp(
+        &self,
+        py: Python<'_>,
+        camera: CameraArrays<'_>,
+        mut out: PictureArrays<'_>,
+        size: usize,
+        order: &str,
+        exact: bool,
+        background: Option<PyReadonlyArray3<'_, u8>>,
+        keep: bool,
+        threads: Option<i64>,
+    ) -> PyResult<(usize, usize, usize)> {
+        let target = one(&camera)?;
+        let manner = Manner {
+            order: self::order(order)?,
+            radius: size / 2,
+            cull: if exact { Cull::Exact } else { Cull::Outside },
+        };
+        let background = match &background {
+            _ if keep => Background::Kept,
+            Some(picture) => Background::Picture(row_major("background", picture)?.as_chunks().0),
+            None => Background::Black,
+        };
+        let picture = Out {
+            color: out.0.as_slice_mut()?.as_chunks_mut().0,
+            depth: out.1.as_slice_mut()?,
+            hole: out.2.as_slice_mut()?,
+            exact: out.3.as_slice_mut()?,
+            source: out.4.as_slice_mut()?,
+        };
+        let fates = interrupt::brief(py, threads, move |control: &Control| {
+            let tiles =
+                self.tiles.get_or_init(|| Tiles::new(&self.image, |i| self.image.colors()[i] & 0xFF_FFFF));
+            warp(&self.image, tiles, &target, manner, background, picture, control)
+        })?;
+        Ok((fates.drawn, fates.hidden, fates.outside))
     }
 
     fn __len__(&self) -> usize {

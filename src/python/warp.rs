@@ -22,7 +22,7 @@ type ImageArrays<'py> =
     (PyReadonlyArray3<'py, u8>, PyReadonlyArray2<'py, f32>, Option<PyReadonlyArray2<'py, bool>>);
 
 /// Colours, depths, holes, exact hits and sources.
-type PictureArrays<'py> = (
+pub type PictureArrays<'py> = (
     PyReadwriteArray3<'py, u8>,
     PyReadwriteArray2<'py, f32>,
     PyReadwriteArray2<'py, bool>,
@@ -46,7 +46,7 @@ fn image<'a>(camera: Camera, arrays: &'a ImageArrays<'_>) -> PyResult<DepthImage
     Ok(image)
 }
 
-fn order(name: &str) -> PyResult<Order> {
+pub fn order(name: &str) -> PyResult<Order> {
     match name {
         "occlusion" => Ok(Order::Occlusion),
         "zbuffer" => Ok(Order::Depth),

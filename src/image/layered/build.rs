@@ -10,7 +10,7 @@ use super::{Color, Layered};
 use crate::camera::{Camera, Projection};
 use crate::control::Control;
 use crate::error::Error;
-use glam::{DMat3, DVec3, dvec3};
+use crate::image::warp::mapping::Mapping;
 use rayon::prelude::*;
 
 /// A picture with a disparity at each pixel, row-major.
@@ -70,30 +70,6 @@ pub struct Conflict {
     pub color: u8,
 }
 
-/// How one camera's pixels with disparity become another's: `matrix (x, y, 1) + disparity epipole = w (u, v, 1)`, the
-/// disparity there being `disparity / w`.
-#[derive(Debug, Clone, Copy)]
-struct Transfer {
-    matrix: DMat3,
-    epipole: DVec3,
-}
-
-impl Transfer {
-    fn between(source: &Camera, target: &Camera) -> Self {
-        let turn = target.rotation * source.rotation.transpose();
-        Self {
-            matrix: target.k * turn * source.k.inverse(),
-            epipole: target.k * (target.translation - turn * source.translation),
-        }
-    }
-
-    /// Column, row and disparity in the target; `None` behind its eye's plane.
-    fn map(&self, x: f64, y: f64, disparity: f64) -> Option<[f64; 3]> {
-        let p = self.matrix * dvec3(x, y, 1.0) + self.epipole * disparity;
-        (p.z > 0.0).then(|| [p.x / p.z, p.y / p.z, disparity / p.z])
-    }
-}
-
 /// A sample that was warped to the central camera.
 #[derive(Debug, Clone, Copy)]
 struct Warped {
@@ -127,7 +103,7 @@ pub fn build(
     let mut warped = vec![whole(central)];
     for image in &images[1..] {
         control.step(1)?;
-        warped.push(seen_from(image, central.camera));
+        warped.push(seen_from(image, central.camera)?);
     }
     let sorted = Sorted::new(&warped, central.camera.width * central.camera.height)?;
     control.step(1)?;
@@ -172,25 +148,25 @@ fn whole(image: &Picture<'_>) -> Vec<Warped> {
 }
 
 /// The samples of an image that fall into another camera's.
-fn seen_from(image: &Picture<'_>, camera: &Camera) -> Vec<Warped> {
-    let transfer = Transfer::between(image.camera, camera);
+fn seen_from(image: &Picture<'_>, camera: &Camera) -> Result<Vec<Warped>, Error> {
+    let mapping = Mapping::new(image.camera, camera)?;
     let (width, height) = (camera.width as f64, camera.height as f64);
     let row = |y: usize| {
         let pixels = (0..image.camera.width).map(move |x| (x, y * image.camera.width + x));
+        let mapping = &mapping;
         pixels.filter(|&(_, pixel)| !image.missing[pixel]).filter_map(move |(x, pixel)| {
             let disparity = f64::from(image.disparity[pixel]);
-            let [u, v, d] = transfer.map(x as f64 + 0.5, y as f64 + 0.5, disparity)?;
+            let [u, v, d] = mapping.point(x as f64 + 0.5, y as f64 + 0.5, disparity)?;
             let inside = u >= 0.0 && u < width && v >= 0.0 && v < height;
-            let near = camera.near == 0.0 || d * camera.near <= 1.0;
             let disparity = d as f32;
-            (inside && near && disparity.is_finite()).then(|| Warped {
+            (inside && disparity.is_finite()).then(|| Warped {
                 pixel: (v as usize * camera.width + u as usize) as u32,
                 color: pack_at(image.rgb(pixel), u - u.floor() - 0.5, v - v.floor() - 0.5),
                 disparity,
             })
         })
     };
-    (0..image.camera.height).into_par_iter().flat_map_iter(row).collect()
+    Ok((0..image.camera.height).into_par_iter().flat_map_iter(row).collect())
 }
 
 /// Warped samples by pixel; within a pixel in the order of the images.
@@ -274,6 +250,7 @@ struct Merged {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use glam::{DMat3, DVec3, dvec3};
     use proptest::prelude::*;
 
     const SIDE: usize = 12;

@@ -7,6 +7,8 @@
 
 pub mod build;
 pub mod place;
+pub mod tiles;
+pub mod warp;
 
 use crate::camera::{Camera, Projection};
 use crate::error::Error;

@@ -1,0 +1,680 @@
+//! Layered images seen from elsewhere, and what of them need not be looked at because it is hidden.
+//!
+//! Samples are drawn tile by tile in occlusion-compatible order ([`tiles`](super::tiles)), each on the pixel that its centre
+//! falls on. That order is exact for points; samples fall on pixels, and where two of one pixel come in the wrong order
+//! because their lines through the epipole differ, [`Order::Depth`] keeps the nearer. Then the picture depends on no order
+//! at all, so it is the same for any number of threads and for any samples left out that are hidden.
+//!
+//! *See-through pixels.* A surface that is seen sharper than it was taken has pixels that none of its centres falls on, and
+//! in a layered image what lies behind shows in them. Where a pixel's neighbours left and right of it, or above and
+//! below, are both nearer than it by more than [`STEP`], it is taken to be such a crack, and is filled
+//! from around like a pixel that nothing fell on. At a silhouette only one of the two is nearer.
+//!
+//! *What is hidden.* With [`Cull::Exact`] tiles are drawn the other way round, front to back. Before some samples of a tile
+//! are drawn, the box in which they must fall is looked up in the picture: if every pixel of it is nearer already than the
+//! nearest that they can be, or is sure to be a crack between pixels that are, they change nothing.
+
+use super::Layered;
+use super::place::STEPS;
+use super::tiles::{CHUNK, Chunk, SIDE, Tiles, order};
+use crate::camera::Camera;
+use crate::control::Control;
+use crate::error::Error;
+use crate::image::warp::canvas::{Canvas, Order, Word, nearness, word};
+use crate::image::warp::mapping::Mapping;
+use crate::image::warp::picture::{Background, Picture};
+use crate::render::lanes::{InstructionSet, Kernel, Lanes};
+use glam::{DVec3, dvec3};
+use rayon::prelude::*;
+use std::sync::atomic::{AtomicU8, Ordering};
+
+/// Ratio of disparities from which one surface is taken to be before another.
+///
+/// Measured on rooms and scans: less lets valleys of one surface be filled, more lets what is behind shine through.
+pub const STEP: f32 = 1.03;
+
+/// Rows that are drawn, and in which is looked up, by themselves where hidden samples are left out: so few that two
+/// threads have as much to do on small pictures, and always the same, so that what is left out is.
+const CULLING_ROWS: usize = 192;
+
+/// What is left out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Cull {
+    /// Only what falls beside the image.
+    Outside,
+    /// What cannot change the picture.
+    Exact,
+}
+
+/// What became of the samples.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Fates {
+    pub drawn: usize,
+    /// Left out: hidden.
+    pub hidden: usize,
+    /// Left out: beside the image, or behind the eye.
+    pub outside: usize,
+}
+
+/// How a warp is done.
+#[derive(Debug, Clone, Copy)]
+pub struct Manner {
+    pub order: Order,
+    /// A sample covers `2 radius + 1` pixels each way.
+    pub radius: usize,
+    pub cull: Cull,
+}
+
+/// Warps a layered image into a picture of the `target` camera. `tiles` are those of the image.
+///
+/// # Errors
+/// [`Error::Invalid`] for cameras that can't be warped, a picture of another size, or [`Cull::Exact`] in
+/// [`Order::Occlusion`], in which hidden samples may show; [`Error::Interrupted`].
+pub fn warp(
+    layered: &Layered,
+    tiles: &Tiles,
+    target: &Camera,
+    manner: Manner,
+    background: Background<'_>,
+    mut picture: Picture<'_>,
+    control: &Control,
+) -> Result<Fates, Error> {
+    target.check()?;
+    let (width, height) = (target.width, target.height);
+    picture.check(width * height)?;
+    if let Background::Picture(behind) = background
+        && behind.len() != width * height
+    {
+        return Err(Error::Invalid(format!(
+            "background has {} pixels, the camera {width} x {height}",
+            behind.len()
+        )));
+    }
+    let mut canvas = Canvas::new(width, height);
+    let fates = draw(layered, tiles, target, manner, &mut canvas, control)?;
+    let set = InstructionSet::best();
+    let threads = rayon::current_num_threads();
+    let rows = if threads == 1 { height } else { height.div_ceil(2 * threads) };
+    let canvas = &canvas;
+    let part = |top: usize, picture: &mut Picture<'_>| {
+        let background = match background {
+            Background::Picture(behind) => Background::Picture(&behind[top * width..]),
+            other => other,
+        };
+        set.run(Resolve { canvas, top, radius: manner.radius, background, picture });
+    };
+    if rows == height {
+        part(0, &mut picture);
+    } else {
+        let parts = picture.parts(rows * width);
+        parts.into_par_iter().enumerate().for_each(|(band, mut picture)| part(band * rows, &mut picture));
+    }
+    Ok(fates)
+}
+
+/// Draws what [`warp`] shows onto a canvas; cracks are empty in it.
+///
+/// # Errors
+/// As [`warp`].
+pub fn draw(
+    layered: &Layered,
+    tiles: &Tiles,
+    target: &Camera,
+    manner: Manner,
+    canvas: &mut Canvas,
+    control: &Control,
+) -> Result<Fates, Error> {
+    let culls = manner.cull == Cull::Exact;
+    if culls && manner.order == Order::Occlusion {
+        return Err(Error::Invalid(
+            "cull='exact' needs order='zbuffer': without a comparison of depths hidden samples may show"
+                .into(),
+        ));
+    }
+    let mapping = Mapping::new(layered.camera(), target)?;
+    let (width, height) = (target.width, target.height);
+    let threads = rayon::current_num_threads();
+    let rows = match (culls, threads) {
+        (true, _) => CULLING_ROWS,
+        (false, 1) => height,
+        (false, _) => height.div_ceil(2 * threads),
+    };
+    let plan = Plan {
+        tiles,
+        mapping: &mapping,
+        columns: order(&mapping, 0, tiles.columns),
+        rows: order(&mapping, 1, tiles.rows),
+        manner,
+        size: [width, height],
+        fates: if culls { tiles.chunks.iter().map(|_| AtomicU8::new(OUTSIDE)).collect() } else { Vec::new() },
+    };
+    let set = InstructionSet::best();
+    canvas.bands(rows).enumerate().par_bridge().try_for_each(|(band, words)| {
+        set.run(Draw { plan: &plan, window: View { words, width, top: band * rows }, control })
+    })?;
+    if manner.radius > 0 {
+        open_cracks(canvas, rows);
+    }
+    let mut fates = Fates::default();
+    for (chunk, fate) in tiles.chunks.iter().zip(&plan.fates) {
+        let count = chunk.samples().len();
+        match fate.load(Ordering::Relaxed) {
+            OUTSIDE => fates.outside += count,
+            HIDDEN => fates.hidden += count,
+            _ => fates.drawn += count,
+        }
+    }
+    if !culls {
+        fates.drawn = layered.len();
+    }
+    Ok(fates)
+}
+
+const OUTSIDE: u8 = 0;
+const HIDDEN: u8 = 1;
+const DRAWN: u8 = 2;
+
+/// What all bands share.
+struct Plan<'a> {
+    tiles: &'a Tiles,
+    mapping: &'a Mapping,
+    /// Tiles back to front.
+    columns: Vec<usize>,
+    rows: Vec<usize>,
+    manner: Manner,
+    size: [usize; 2],
+    /// Of each chunk, in any band.
+    fates: Vec<AtomicU8>,
+}
+
+/// Rows of a canvas.
+struct View<'a> {
+    words: &'a mut [Word],
+    width: usize,
+    top: usize,
+}
+
+struct Draw<'a, 'b> {
+    plan: &'a Plan<'a>,
+    window: View<'b>,
+    control: &'a Control,
+}
+
+impl Kernel for Draw<'_, '_> {
+    type Output = Result<(), Error>;
+
+    #[inline(always)]
+    fn run<L: Lanes>(self) -> Result<(), Error> {
+        let Self { plan, mut window, control } = self;
+        window.words.fill(0);
+        let mut fallen = Fallen::default();
+        let culls = plan.manner.cull == Cull::Exact;
+        for i in 0..plan.rows.len() {
+            let row = plan.rows[if culls { plan.rows.len() - 1 - i } else { i }];
+            for j in 0..plan.columns.len() {
+                let column = plan.columns[if culls { plan.columns.len() - 1 - j } else { j }];
+                let chunks = plan.tiles.of_tile(column, row);
+                if chunks.is_empty() {
+                    continue;
+                }
+                let map = TileMap::new(plan.mapping, column, row);
+                if culls {
+                    plan.front_to_back(&map, chunks, &mut window, &mut fallen);
+                } else {
+                    plan.back_to_front(&map, chunks, &mut window, &mut fallen);
+                }
+            }
+            control.step(1)?;
+        }
+        Ok(())
+    }
+}
+
+impl Plan<'_> {
+    #[inline(always)]
+    fn back_to_front(
+        &self,
+        map: &TileMap<'_>,
+        chunks: std::ops::Range<usize>,
+        window: &mut View<'_>,
+        fallen: &mut Fallen,
+    ) {
+        let (first, last) = (self.tiles.chunks[chunks.start], self.tiles.chunks[chunks.end - 1]);
+        let whole = Chunk { end: last.end, low: [0; 2], high: [u8::MAX; 2], ..first };
+        if let Place::Outside = map.place(self.tiles, &whole, window) {
+            return;
+        }
+        let (start, end) = (first.start as usize, last.end as usize);
+        let behind = self.behind(start..end);
+        let mut at = start;
+        while at < behind {
+            let next = (at + BATCH).min(behind);
+            match self.manner.order {
+                Order::Depth => window.put::<true>(map, self.tiles, at..next, fallen, false),
+                Order::Occlusion => window.put::<false>(map, self.tiles, at..next, fallen, false),
+            }
+            at = next;
+        }
+        let mut at = end;
+        while at > behind {
+            let next = at.saturating_sub(BATCH).max(behind);
+            match self.manner.order {
+                Order::Depth => window.put::<true>(map, self.tiles, next..at, fallen, true),
+                Order::Occlusion => window.put::<false>(map, self.tiles, next..at, fallen, true),
+            }
+            at = next;
+        }
+    }
+
+    /// The first of some samples of a tile that is behind the plane of the new eye, as the source sees it.
+    #[inline(always)]
+    fn behind(&self, samples: std::ops::Range<usize>) -> usize {
+        let z = self.mapping.epipole.z;
+        if z <= 0.0 {
+            return samples.end;
+        }
+        let disparities = &self.tiles.disparities[samples.clone()];
+        samples.start + disparities.partition_point(|&d| f64::from(d) * z <= 1.0)
+    }
+
+    /// Draws a tile's chunks, nearest first as long as rays run forward, until the rest of it is hidden.
+    #[inline(always)]
+    fn front_to_back(
+        &self,
+        map: &TileMap<'_>,
+        chunks: std::ops::Range<usize>,
+        window: &mut View<'_>,
+        fallen: &mut Fallen,
+    ) {
+        let first = self.tiles.chunks[chunks.start].start;
+        let mut rest = Chunk {
+            start: first,
+            end: self.tiles.chunks[chunks.end - 1].end,
+            low: [0; 2],
+            high: [u8::MAX; 2],
+        };
+        let mut left = chunks.end;
+        while left > chunks.start {
+            let chunk = &self.tiles.chunks[left - 1];
+            rest.end = chunk.end;
+            let fate = match map.place(self.tiles, &rest, window) {
+                Place::Outside => OUTSIDE,
+                Place::Within(reach) if window.hides(&reach, self.size) => HIDDEN,
+                _ => DRAWN,
+            };
+            if fate != DRAWN {
+                for fates in &self.fates[chunks.start..left] {
+                    fates.fetch_max(fate, Ordering::Relaxed);
+                }
+                return;
+            }
+            left -= 1;
+            let fate = match map.place(self.tiles, chunk, window) {
+                Place::Outside => OUTSIDE,
+                Place::Within(reach) if window.hides(&reach, self.size) => HIDDEN,
+                _ => DRAWN,
+            };
+            self.fates[left].fetch_max(fate, Ordering::Relaxed);
+            if fate == DRAWN {
+                window.put::<true>(map, self.tiles, chunk.samples(), fallen, false);
+            }
+        }
+    }
+}
+
+/// Samples that are mapped together.
+const BATCH: usize = 4 * CHUNK;
+
+/// Where a batch of samples falls.
+#[repr(align(64))]
+struct Fallen {
+    cells: [u32; BATCH],
+    nearness: [f32; BATCH],
+}
+
+impl Default for Fallen {
+    fn default() -> Self {
+        Self { cells: [0; BATCH], nearness: [0.0; BATCH] }
+    }
+}
+
+/// The map of a tile's samples to the target.
+struct TileMap<'a> {
+    mapping: &'a Mapping,
+    /// The tile's corner, in pixels.
+    corner: [f64; 2],
+    /// Homogeneous target pixel of the corner at infinity; what a sixteenth of a pixel right and down, and a disparity, add.
+    base: [f32; 3],
+    right: [f32; 3],
+    down: [f32; 3],
+    offset: [f32; 3],
+    near: f32,
+    /// Terms of the last coordinate whose rounding may turn its sign.
+    doubt: f32,
+}
+
+/// Rounding of a coordinate in float32, relative to the sum of its terms.
+const ROUNDING: f64 = 8.0 * f32::EPSILON as f64;
+
+/// Where some samples may fall.
+enum Place {
+    /// On no pixel of the window.
+    Outside,
+    /// On these.
+    Within(Reach),
+    /// Anywhere: some may be behind the eye.
+    Anywhere,
+}
+
+/// Pixels of a canvas, ends included, on which samples fall with at most this disparity.
+struct Reach {
+    columns: [usize; 2],
+    rows: [usize; 2],
+    nearness: f32,
+}
+
+impl<'a> TileMap<'a> {
+    #[inline(always)]
+    fn new(mapping: &'a Mapping, column: usize, row: usize) -> Self {
+        let corner = [(column * SIDE) as f64, (row * SIDE) as f64];
+        let single = |v: DVec3| [v.x as f32, v.y as f32, v.z as f32];
+        let base = mapping.matrix * dvec3(corner[0], corner[1], 1.0);
+        let (right, down) = (mapping.matrix.x_axis, mapping.matrix.y_axis);
+        Self {
+            mapping,
+            corner,
+            base: single(base),
+            right: single(right / STEPS),
+            down: single(down / STEPS),
+            offset: single(mapping.offset),
+            near: mapping.near as f32,
+            doubt: (ROUNDING * (base.z.abs() + SIDE as f64 * (right.z.abs() + down.z.abs()))) as f32,
+        }
+    }
+
+    /// Maps samples to cells of a window; `nowhere` is the cell of those that fall on none.
+    #[inline(always)]
+    fn project(
+        &self,
+        tiles: &Tiles,
+        samples: std::ops::Range<usize>,
+        window: &View<'_>,
+        fallen: &mut Fallen,
+    ) {
+        let count = samples.len();
+        assert!(count <= BATCH);
+        let (xs, ys) = (&tiles.x[samples.clone()], &tiles.y[samples.clone()]);
+        let disparities = &tiles.disparities[samples];
+        let [x0, y0, w0] = self.base;
+        let [x1, y1, w1] = self.right;
+        let [x2, y2, w2] = self.down;
+        let [x3, y3, w3] = self.offset;
+        let (near, rounding) = (self.near, (ROUNDING * f64::from(w3.abs())) as f32);
+        let (width, first) = (window.width as f32, window.top as i32);
+        let (top, bottom) = (window.top as f32, (window.top + window.rows()) as f32);
+        let (stride, nowhere) = (window.width as i32 + 1, window.width as i32);
+        let mut doubtful = 0;
+        for i in 0..count {
+            let (x, y, d) = (f32::from(xs[i]), f32::from(ys[i]), disparities[i]);
+            let w = ((w0 + x * w1) + y * w2) + d * w3;
+            let r = 1.0 / w;
+            let u = (((x0 + x * x1) + y * x2) + d * x3) * r;
+            let v = (((y0 + x * y1) + y * y2) + d * y3) * r;
+            let inside = (w > 0.0) & (w >= near * d) & (u >= 0.0) & (u < width) & (v >= top) & (v < bottom);
+            let (column, line) = (if inside { u } else { 0.0 }, if inside { v } else { 0.0 });
+            // SAFETY: both lie within an image, whose sides are well below 2^31.
+            let (column, line) =
+                unsafe { (column.to_int_unchecked::<i32>(), line.to_int_unchecked::<i32>()) };
+            fallen.cells[i] = if inside { (line - first) * stride + column } else { nowhere } as u32;
+            fallen.nearness[i] = d * r;
+            doubtful |= i32::from(w.abs() <= self.doubt + d * rounding);
+        }
+        if doubtful != 0 {
+            self.decide([xs, ys], disparities, window, fallen);
+        }
+    }
+
+    /// Samples whose side of the eye's plane float32 may not tell, again in float64.
+    #[cold]
+    #[inline(never)]
+    fn decide(&self, places: [&[u8]; 2], disparities: &[f32], window: &View<'_>, fallen: &mut Fallen) {
+        let [_, _, w0] = self.base;
+        for (i, &d) in disparities.iter().enumerate() {
+            let [x, y] = [places[0][i], places[1][i]];
+            let w = ((w0 + f32::from(x) * self.right[2]) + f32::from(y) * self.down[2]) + d * self.offset[2];
+            if w.abs() > self.doubt + d * (ROUNDING * f64::from(self.offset[2].abs())) as f32 {
+                continue;
+            }
+            let at = |axis: usize, place: u8| self.corner[axis] + f64::from(place) / STEPS;
+            fallen.cells[i] = window.width as u32;
+            if let Some([u, v, nearness]) = self.mapping.point(at(0, x), at(1, y), f64::from(d)) {
+                let bottom = (window.top + window.rows()) as f64;
+                if u >= 0.0 && u < window.width as f64 && v >= window.top as f64 && v < bottom {
+                    fallen.cells[i] = ((v as usize - window.top) * (window.width + 1) + u as usize) as u32;
+                }
+                fallen.nearness[i] = nearness as f32;
+            }
+        }
+    }
+
+    /// Where the samples of a chunk may fall.
+    #[inline(always)]
+    fn place(&self, tiles: &Tiles, chunk: &Chunk, window: &View<'_>) -> Place {
+        let disparity = [tiles.disparities[chunk.start as usize], tiles.disparities[chunk.end as usize - 1]];
+        let m = &self.mapping.matrix;
+        let at = |axis: usize, place: u8| self.corner[axis] + f64::from(place) / STEPS;
+        let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        let mut farthest = 0.0_f64;
+        for y in [at(1, chunk.low[1]), at(1, chunk.high[1])] {
+            for x in [at(0, chunk.low[0]), at(0, chunk.high[0])] {
+                let ray = m.x_axis * x + m.y_axis * y + m.z_axis;
+                for d in disparity {
+                    let p = ray + f64::from(d) * self.mapping.offset;
+                    let inverse = 1.0 / p.z;
+                    let q = dvec3(p.x * inverse, p.y * inverse, f64::from(d) * inverse);
+                    (low, high) = (low.min(q), high.max(q));
+                    farthest = if p.z > 0.0 { farthest.max(inverse) } else { f64::INFINITY };
+                    if !(p.z > 0.0) {
+                        return Place::Anywhere;
+                    }
+                }
+            }
+        }
+        // Terms of each coordinate, whose rounding the last one divides.
+        let (x, y, d) = (at(0, chunk.high[0]), at(1, chunk.high[1]), f64::from(disparity[1]));
+        let terms = m.x_axis.abs() * x + m.y_axis.abs() * y + m.z_axis.abs() + self.mapping.offset.abs() * d;
+        let error = terms * (ROUNDING * farthest);
+        if !(error.z < 0.01) {
+            return Place::Anywhere;
+        }
+        let slack = |axis: usize| 1e-6 + error[axis] + error.z * low[axis].abs().max(high[axis].abs());
+        let (width, top) = (window.width as f64, window.top as f64);
+        let bottom = top + window.rows() as f64;
+        let (left, right) = (low.x - slack(0), high.x + slack(0));
+        let (upper, lower) = (low.y - slack(1), high.y + slack(1));
+        if !(right >= 0.0 && left < width && lower >= top && upper < bottom) {
+            return Place::Outside;
+        }
+        Place::Within(Reach {
+            columns: [left.max(0.0) as usize, right.min(width - 1.0) as usize],
+            rows: [upper.max(top) as usize - window.top, lower.min(bottom - 1.0) as usize - window.top],
+            nearness: (high.z * (1.0 + 2.0 * error.z + ROUNDING)) as f32,
+        })
+    }
+}
+
+impl View<'_> {
+    #[inline(always)]
+    fn rows(&self) -> usize {
+        self.words.len() / (self.width + 1)
+    }
+
+    /// Draws samples, up to a batch of them.
+    #[inline(always)]
+    fn put<const DEPTH: bool>(
+        &mut self,
+        map: &TileMap<'_>,
+        tiles: &Tiles,
+        samples: std::ops::Range<usize>,
+        fallen: &mut Fallen,
+        backward: bool,
+    ) {
+        map.project(tiles, samples.clone(), self, fallen);
+        let payload = &tiles.payload[samples];
+        let count = payload.len();
+        for i in 0..count {
+            let i = if backward { count - 1 - i } else { i };
+            let new = word(fallen.nearness[i], payload[i]);
+            let at = &mut self.words[fallen.cells[i] as usize];
+            *at = if DEPTH { (*at).max(new) } else { new };
+        }
+    }
+
+    /// Whether samples that fall within `reach` can't change the picture.
+    #[inline(always)]
+    fn hides(&self, reach: &Reach, size: [usize; 2]) -> bool {
+        let stride = self.width + 1;
+        let limit = word(reach.nearness, u32::MAX);
+        let [left, right] = reach.columns;
+        for y in reach.rows[0]..=reach.rows[1] {
+            let line = &self.words[y * stride + left..=y * stride + right];
+            let mut shows = false;
+            for &word in line {
+                shows |= word <= limit;
+            }
+            if shows && !self.cracked(y, left..right + 1, reach.nearness, size) {
+                return false;
+            }
+        }
+        true
+    }
+
+    /// Whether all pixels of a row that are not nearer than samples are sure to be cracks, whatever falls on them.
+    #[inline(never)]
+    fn cracked(&self, y: usize, columns: std::ops::Range<usize>, nearest: f32, size: [usize; 2]) -> bool {
+        let limit = STEP * nearest * (1.0 + 4.0 * f32::EPSILON);
+        let (x_end, y_end) = (size[0] as i64, size[1] as i64);
+        let stride = self.width + 1;
+        let inside = |x: i64, y: i64| x >= 0 && x < x_end && y >= 0 && y < y_end;
+        // Nearer than samples there by more than a step; unknown in other bands.
+        let before = |x: i64, y: i64| {
+            let line = y - self.top as i64;
+            inside(x, y)
+                && line >= 0
+                && (line as usize) < self.rows()
+                && nearness(self.words[line as usize * stride + x as usize]) > limit
+        };
+        let across = |x: i64, y: i64| before(x - 1, y) && before(x + 1, y);
+        let along = |x: i64, y: i64| before(x, y - 1) && before(x, y + 1);
+        let y = (self.top + y) as i64;
+        for x in columns {
+            if self.words[(y as usize - self.top) * stride + x] > word(nearest, u32::MAX) {
+                continue;
+            }
+            let x = x as i64;
+            // A pixel beside it must not be taken for a crack, or not, by what falls here: it is nearer, or a crack anyway.
+            let settled = |x: i64, y: i64, by: bool| !inside(x, y) || before(x, y) || by;
+            let is = across(x, y)
+                && settled(x, y - 1, across(x, y - 1))
+                && settled(x, y + 1, across(x, y + 1))
+                || along(x, y) && settled(x - 1, y, along(x - 1, y)) && settled(x + 1, y, along(x + 1, y));
+            if !is {
+                return false;
+            }
+        }
+        true
+    }
+}
+
+/// Empties pixels in which something shines through a crack of a nearer surface.
+fn open_cracks(canvas: &mut Canvas, rows: usize) {
+    let (width, height) = (canvas.width, canvas.height);
+    // The rows beside each band, as they are before any is changed.
+    let beside: Vec<[Vec<f32>; 2]> = (0..height.div_ceil(rows))
+        .map(|band| {
+            let (top, bottom) = (band * rows, ((band + 1) * rows).min(height));
+            let copy = |y: Option<usize>| {
+                y.filter(|&y| y < height).map_or_else(
+                    || vec![0.0; width],
+                    |y| canvas.row(y).iter().map(|&w| nearness(w)).collect(),
+                )
+            };
+            [copy(top.checked_sub(1)), copy(Some(bottom))]
+        })
+        .collect();
+    let set = InstructionSet::best();
+    canvas.bands(rows).zip(beside).par_bridge().for_each(|(words, [above, below])| {
+        set.run(Open { words, width, above, below });
+    });
+}
+
+/// Opens the cracks of a band.
+struct Open<'a> {
+    words: &'a mut [Word],
+    width: usize,
+    above: Vec<f32>,
+    below: Vec<f32>,
+}
+
+impl Kernel for Open<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self) {
+        let Self { words, width, mut above, below } = self;
+        let stride = width + 1;
+        let rows = words.len() / stride;
+        let (mut here, mut under) = (vec![0.0; width], vec![0.0; width]);
+        nearness_of(&words[..width], &mut under);
+        for y in 0..rows {
+            std::mem::swap(&mut here, &mut under);
+            if y + 1 < rows {
+                nearness_of(&words[(y + 1) * stride..][..width], &mut under);
+            } else {
+                under.copy_from_slice(&below);
+            }
+            let line = &mut words[y * stride..][..width];
+            let count = width.saturating_sub(2);
+            for i in 0..width {
+                let limit = STEP * here[i];
+                let beside = if above[i] < under[i] { above[i] } else { under[i] };
+                line[i] = if beside > limit { 0 } else { line[i] };
+            }
+            let (left, middle, right) =
+                (&here[..count], &here[width.min(1)..][..count], &here[width.min(2)..][..count]);
+            let line = &mut line[width.min(1)..][..count];
+            for i in 0..count {
+                let beside = if left[i] < right[i] { left[i] } else { right[i] };
+                line[i] = if beside > STEP * middle[i] { 0 } else { line[i] };
+            }
+            std::mem::swap(&mut above, &mut here);
+        }
+    }
+}
+
+#[inline(always)]
+fn nearness_of(words: &[Word], to: &mut [f32]) {
+    let count = words.len();
+    assert!(to.len() == count);
+    for i in 0..count {
+        to[i] = nearness(words[i]);
+    }
+}
+
+/// Writes rows of the picture.
+struct Resolve<'a, 'b, 'c> {
+    canvas: &'a Canvas,
+    top: usize,
+    radius: usize,
+    background: Background<'a>,
+    picture: &'c mut Picture<'b>,
+}
+
+impl Kernel for Resolve<'_, '_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self) {
+        self.picture.resolve(self.canvas, self.top, self.radius, self.background);
+    }
+}
