@@ -1,8 +1,8 @@
 """Layered depth images: several samples a pixel, of all surfaces that some region of eyes may see.
 
 An image with depth has holes wherever a new eye looks behind what hid something from the old one. A layered image holds
-what is behind, too: its pixels have lists of samples, nearest first. It has one camera, so it is warped like a single image,
-and each surface is stored once, not once for each image that it was seen in (1998 dissertation, section 4.3).
+what is behind, too: its pixels have lists of samples, nearest first. It has one camera, so it is warped like a single
+image, and each surface is stored once, not once for each image that it was seen in (1998 dissertation, section 4.3).
 """
 
 from __future__ import annotations
@@ -198,7 +198,7 @@ class LayeredDepthImage:
             raise ValueError(f"tolerance must be finite and at least 0, got {tolerance}")
         if not (isinstance(color_tolerance, (int, np.integer)) and 0 <= color_tolerance <= 255):
             raise ValueError(f"color_tolerance must be an integer from 0 to 255, got {color_tolerance!r}")
-        kernel, kept = _core.Layered.build(
+        kernel, _ = _core.Layered.build(
             stack([image.camera for image in images]),
             [(image.color, image.disparity, image.missing) for image in images],
             float(tolerance),
@@ -240,7 +240,8 @@ class LayeredDepthImage:
     @property
     def counts(self) -> npt.NDArray[np.int64]:
         """(H, W) samples of each pixel."""
-        return np.diff(self.offsets.astype(np.int64)).reshape(self.camera.height, self.camera.width)
+        offsets = self.offsets.astype(np.int64)
+        return (offsets[1:] - offsets[:-1]).reshape(self.camera.height, self.camera.width)
 
     def layer(self, index: int) -> DepthImage:
         """The `index`-th sample of each pixel, the nearest being 0; missing where there are fewer.
