@@ -1,4 +1,5 @@
 //! Pictures with depth that stand in for geometry.
 
+pub mod depth_mesh;
 pub mod layered;
 pub mod warp;

@@ -2,6 +2,7 @@
 
 mod arrays;
 mod bitfield;
+mod depth_mesh;
 mod errors;
 mod interrupt;
 mod layered;
@@ -16,6 +17,7 @@ use pyo3::prelude::*;
 #[pymodule]
 fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     bitfield::register(m)?;
+    depth_mesh::register(m)?;
     layered::register(m)?;
     patch::register(m)?;
     render::register(m)?;

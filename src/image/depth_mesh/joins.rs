@@ -1,0 +1,80 @@
+//! Which samples of an image with depth are one surface with the sample beside them.
+
+use crate::adjacency::Csr;
+
+/// The sample is one surface with the one to its right.
+pub const RIGHT: u8 = 1;
+/// The sample is one surface with the one below it.
+pub const DOWN: u8 = 2;
+/// There is a sample.
+pub const PRESENT: u8 = 4;
+
+/// A step of disparity goes on if the next is as long but for this share: what planes do, at any slant.
+const STRAIGHT: f32 = 0.5;
+
+/// What decides whether neighbours are one surface.
+#[derive(Debug, Clone, Copy)]
+pub struct Rule<'a> {
+    /// The face that each sample shows. Samples of the same face are one surface.
+    pub ids: Option<&'a [u32]>,
+    /// Samples of faces that share an edge are, too.
+    pub adjacency: Option<&'a Csr>,
+    /// What is left is decided by how steep the surface would be: by at most so much depth for a step to the side that
+    /// is as long as 1 where depth is 1. No unit of length and no resolution are in it.
+    pub slope: f32,
+    /// Steps to the side between neighbouring columns and rows, where depth is 1: 1 / focal length.
+    pub step: [f32; 2],
+}
+
+/// [`RIGHT`], [`DOWN`] and [`PRESENT`] of each sample of an image `width` wide.
+pub fn joins(disparity: &[f32], missing: &[bool], width: usize, rule: &Rule<'_>) -> Vec<u8> {
+    let height = disparity.len().checked_div(width).unwrap_or(0);
+    let mut flags = vec![0; disparity.len()];
+    for y in 0..height {
+        for x in 0..width {
+            let i = y * width + x;
+            if missing[i] {
+                continue;
+            }
+            flags[i] = PRESENT;
+            let place = |at: usize| (!missing[at]).then(|| disparity[at]);
+            let beside = |stride: usize, room_before: bool, room_after: bool, room: bool, step: f32| {
+                room && !missing[i + stride]
+                    && (rule.by_ids(i, i + stride)
+                        || gentle(disparity[i], disparity[i + stride], rule.slope * step)
+                        || straight(
+                            if room_before { place(i - stride) } else { None },
+                            [disparity[i], disparity[i + stride]],
+                            if room_after { place(i + 2 * stride) } else { None },
+                        ))
+            };
+            if beside(1, x > 0, x + 2 < width, x + 1 < width, rule.step[0]) {
+                flags[i] |= RIGHT;
+            }
+            if beside(width, y > 0, y + 2 < height, y + 1 < height, rule.step[1]) {
+                flags[i] |= DOWN;
+            }
+        }
+    }
+    flags
+}
+
+impl Rule<'_> {
+    fn by_ids(&self, a: usize, b: usize) -> bool {
+        let Some(ids) = self.ids else { return false };
+        let adjacent = |graph: &Csr| graph.list(ids[a] as usize).contains(&ids[b]);
+        ids[a] == ids[b] || self.adjacency.is_some_and(adjacent)
+    }
+}
+
+/// Both infinitely far, or with depths whose difference is no more than `slope` times the nearer one.
+fn gentle(a: f32, b: f32, slope: f32) -> bool {
+    (a - b).abs() <= slope * a.min(b)
+}
+
+/// The step between two samples goes on as the one before, or the one after.
+fn straight(before: Option<f32>, [a, b]: [f32; 2], after: Option<f32>) -> bool {
+    let step = b - a;
+    let near = |other: f32| (other - step).abs() <= STRAIGHT * step.abs();
+    a > 0.0 && b > 0.0 && (before.is_some_and(|p| near(a - p)) || after.is_some_and(|n| near(n - b)))
+}

@@ -1,0 +1,74 @@
+//! A row of samples where they lie in the new image.
+
+use super::blocks::CHUNK;
+use super::joins::PRESENT;
+use super::{Mapping, Source};
+use std::ops::Range;
+
+/// A row of samples, padded to whole chunks of blocks.
+pub struct Row {
+    /// Pixel coordinates in the new image; 0 where the sample is not there.
+    pub x: Vec<f32>,
+    pub y: Vec<f32>,
+    /// The old depth over the new one.
+    pub ratio: Vec<f32>,
+    /// The new disparity.
+    pub disparity: Vec<f32>,
+    /// Whether the sample is there, and before the new eye: 1 or 0.
+    pub there: Vec<u8>,
+    /// Least and greatest `y` of those.
+    span: [f32; 2],
+}
+
+impl Row {
+    pub fn new(width: usize) -> Self {
+        let size = width.next_multiple_of(CHUNK) + 1;
+        let empty = || vec![0.0; size];
+        Self {
+            x: empty(),
+            y: empty(),
+            ratio: empty(),
+            disparity: empty(),
+            there: vec![0; size],
+            span: [0.0; 2],
+        }
+    }
+
+    /// Where a row of the source lies.
+    #[inline(always)]
+    pub fn project(&mut self, mapping: &Mapping, source: &Source<'_>, row: usize) {
+        let width = source.camera.width;
+        let disparity = &source.disparity[row * width..][..width];
+        let joins = &source.joins[row * width..][..width];
+        let (x, y) = (&mut self.x[..width], &mut self.y[..width]);
+        let (ratio, nearness) = (&mut self.ratio[..width], &mut self.disparity[..width]);
+        let there = &mut self.there[..width];
+        let start = mapping.matrix.z_axis + mapping.matrix.y_axis * (row as f64 + 0.5);
+        let (step, offset, near) = (mapping.matrix.x_axis, mapping.offset, mapping.near);
+        for i in 0..width {
+            let u = i as f64 + 0.5;
+            let d = f64::from(disparity[i]);
+            let w = start.z + step.z * u + offset.z * d;
+            let seen = w > 0.0 && w >= near * d && joins[i] & PRESENT != 0;
+            let inverse = if seen { 1.0 / w } else { 0.0 };
+            x[i] = ((start.x + step.x * u + offset.x * d) * inverse) as f32;
+            y[i] = ((start.y + step.y * u + offset.y * d) * inverse) as f32;
+            ratio[i] = inverse as f32;
+            nearness[i] = (d * inverse) as f32;
+            there[i] = u8::from(seen);
+        }
+        let mut span = [f32::INFINITY, f32::NEG_INFINITY];
+        for i in 0..width {
+            let (low, high) = if there[i] != 0 { (y[i], y[i]) } else { (f32::INFINITY, f32::NEG_INFINITY) };
+            span[0] = if low < span[0] { low } else { span[0] };
+            span[1] = if high > span[1] { high } else { span[1] };
+        }
+        self.span = span;
+    }
+
+    /// Whether blocks between this row and another may cover a centre in some rows of the new image.
+    pub fn reaches(&self, other: &Self, rows: &Range<usize>) -> bool {
+        self.span[0].min(other.span[0]) < rows.end as f32
+            && self.span[1].max(other.span[1]) > rows.start as f32
+    }
+}
