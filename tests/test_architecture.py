@@ -19,7 +19,7 @@ MAY_USE = {
     "bitfield": set(),
     "sphere": set(),
     "render": {"mesh", "camera", "adjacency"},
-    "image": {"mesh", "camera", "render"},
+    "image": {"mesh", "camera", "render", "adjacency"},
     "visibility": {"mesh", "camera", "render"},
 }
 

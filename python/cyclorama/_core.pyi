@@ -155,6 +155,29 @@ def subdivide_faces(
     points: npt.NDArray[np.float64], faces: npt.NDArray[np.uint32], which: npt.NDArray[np.uint32]
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.uint32], npt.NDArray[np.uint32]]: ...
 def cover_rows(words: npt.NDArray[np.uint64], spare: int) -> npt.NDArray[np.uint32]: ...
+def depth_mesh_joins(
+    disparity: npt.NDArray[np.float32],
+    missing: npt.NDArray[np.bool_],
+    step: tuple[float, float],
+    slope: float,
+    ids: npt.NDArray[np.uint32] | None = None,
+    mesh: Mesh | None = None,
+) -> npt.NDArray[np.uint8]: ...
+def depth_mesh_warp(
+    cameras: CameraArrays,
+    images: list[tuple[npt.NDArray[np.uint8], npt.NDArray[np.float32], npt.NDArray[np.bool_] | None]],
+    joins: list[npt.NDArray[np.uint8]],
+    out: tuple[
+        npt.NDArray[np.uint8],
+        npt.NDArray[np.float32],
+        npt.NDArray[np.bool_],
+        npt.NDArray[np.bool_],
+        npt.NDArray[np.uint8],
+    ],
+    background: npt.NDArray[np.uint8] | None = None,
+    keep: bool = False,
+    threads: int | None = None,
+) -> None: ...
 def warp_forward(
     cameras: CameraArrays,
     images: list[tuple[npt.NDArray[np.uint8], npt.NDArray[np.float32], npt.NDArray[np.bool_] | None]],

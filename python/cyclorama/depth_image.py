@@ -18,15 +18,21 @@ import json
 import os
 import zipfile
 import zlib
+from copy import copy
 from dataclasses import dataclass
-from typing import Any
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
+from . import _core
 from .camera import Camera
 from .files import whole_file
 from .render import View
+
+if TYPE_CHECKING:
+    from .scene import Scene
 
 __all__ = ["DepthImage", "disparity_from_zbuffer"]
 
@@ -40,6 +46,10 @@ FORMAT = "cyclorama depth image 1"
 
 # A depth and its disparity both have to be normal float32 numbers, with something to spare for a warp between them.
 _NEAREST, _FARTHEST = 1e-30, 1e30
+
+# The steepest surface that neighbouring samples are taken for (86 degrees). Measured in rooms and on scans, 5 % of the
+# mean depth aside: 4 cuts what is one, and is 0.3 dB worse.
+_SLOPE = 16.0
 
 _UNREADABLE = (
     ValueError,
@@ -478,6 +488,69 @@ class DepthImage:
         """Rows and columns."""
         height, width = self.depth.shape
         return height, width
+
+    @cached_property
+    def joins(self) -> Bytes:
+        """(H, W) uint8: which samples are one surface with the ones beside them, as `cut` decides without arguments.
+
+        1 where a sample and the one to its right are, plus 2 where it and the one below are, plus 4 where there is a
+        sample. It is found once, when a mesh (``splat="mesh"`` of `cyclorama.warp.forward`) is first asked for.
+        """
+        return self._joins(self.ids, None, _SLOPE)
+
+    def cut(self, *, ids: bool = True, scene: Scene | None = None, slope: float = _SLOPE) -> DepthImage:
+        """The same image, whose mesh is cut by another rule.
+
+        Two samples side by side are one surface where one of these says so:
+
+        * they show the same face;
+        * they show faces that share an edge;
+        * the surface between them would not be too steep;
+        * the disparity between them changes as it does before or after them, give or take half of it: disparity is
+          linear on a plane, so planes are never cut, however steep.
+
+        Parameters
+        ----------
+        ids : bool
+            Whether to ask for the image's ids, where it has some.
+        scene : Scene, optional
+            What was drawn: asks also whether its faces share edges.
+        slope : float
+            The steepest surface: so much depth for a step to the side that is as long as 1 where depth is 1. It has no
+            unit and doesn't depend on the resolution; the surface is seen at an angle of ``arctan(1 / slope)``. 0
+            leaves the decision to the other rules.
+
+        Returns
+        -------
+        DepthImage
+            It shares the arrays of this one.
+
+        Raises
+        ------
+        ValueError
+            If `slope` is negative or not finite, a scene is given and there are no ids or `ids` is false, or an id is
+            none of its faces.
+
+        Examples
+        --------
+        >>> camera = Camera([[100, 0, 2], [0, 100, 0.5], [0, 0, 1]], np.eye(4), 4, 1)
+        >>> image = DepthImage(np.zeros((1, 4, 3), np.uint8), [[1.0, 1.0, 2.0, 2.0]], camera)
+        >>> image.joins, image.cut(slope=1e3).joins
+        (array([[5, 4, 5, 4]], dtype=uint8), array([[5, 5, 5, 4]], dtype=uint8))
+        """
+        if not (np.isfinite(slope) and slope >= 0):
+            raise ValueError(f"slope must be finite and at least 0, got {slope}")
+        asked = self.ids if ids else None
+        if scene is not None and asked is None:
+            raise ValueError("the scene's faces can't be asked without ids")
+        image = copy(self)
+        image.__dict__["joins"] = self._joins(asked, scene, slope)
+        return image
+
+    def _joins(self, ids: Ids | None, scene: Scene | None, slope: float) -> Bytes:
+        step = float(1 / self.camera.K[0, 0]), float(1 / self.camera.K[1, 1])
+        mesh = None if scene is None else scene._mesh
+        return _core.depth_mesh_joins(self.disparity, self.missing, step, slope, ids, mesh)
 
     def points(self) -> Floats:
         """World positions of what the pixels show.

@@ -4,8 +4,8 @@ The truth has to be the same from everywhere. So surfaces are painted with a *so
 space (`paint`), without light: a pixel of the truth is the colour of the point that it shows.
 
 A hole in a warped picture is one of two things. Where the surface behind it was hidden from all references, nothing
-could have been there: a *disocclusion*. Where a reference saw that surface, something should be: a *crack*. `seen` tells
-them apart by drawing the references finely and asking what is before each point.
+could have been there: a *disocclusion*. Where a reference saw that surface, something should be: a *crack*. `seen`
+tells them apart by drawing the references finely and asking what is before each point.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from .depth_image import DepthImage
 
 if TYPE_CHECKING:
     from .scene import Scene
+    from .warp import Warped
 
 __all__ = ["Quality", "compare", "paint", "psnr", "seen", "ssim", "textured"]
 
@@ -34,6 +35,9 @@ Mask = npt.NDArray[np.bool_]
 _WAVES, _OCTAVES = 24, 3.0
 # Standard deviation of each channel, in grey levels: three of them stay within 0 to 255.
 _CONTRAST = 42.0
+
+# Pixels along each side of a window of `ssim`.
+_WINDOW = 7
 
 
 def paint(points: npt.ArrayLike, grain: float, *, seed: int = 0) -> Bytes:
@@ -114,7 +118,7 @@ def textured(scene: Scene, camera: Camera, seed: int = 0, *, grain: float | None
     >>> import cyclorama as cyc
     >>> scene = cyc.scenes.sphere(600)
     >>> image = textured(scene, Camera.look_at((0, 0, 3), (0, 0, 0), width=32, height=32))
-    >>> image.color.std() > 30, image.color[0, 0]
+    >>> bool(image.color.std() > 30), image.color[0, 0]
     (True, array([0, 0, 0], dtype=uint8))
     """
     view = scene.render(camera)
@@ -188,6 +192,179 @@ def seen(
     answer = np.zeros(image.missing.size, np.bool_)
     answer[known] = found
     return answer.reshape(image.shape)
+
+
+def psnr(picture: npt.ArrayLike, truth: npt.ArrayLike, *, where: npt.ArrayLike | None = None) -> float:
+    """Peak signal-to-noise ratio.
+
+    Parameters
+    ----------
+    picture, truth : (H, W) or (H, W, C) array_like of uint8
+    where : (H, W) array_like of bool, optional
+        The pixels that count; all by default.
+
+    Returns
+    -------
+    float
+        ``10 log10(255^2 / mean squared difference)`` in decibels over all channels; infinity where nothing differs, NaN
+        where no pixel counts.
+
+    Raises
+    ------
+    ValueError
+        If the pictures are not uint8 or a shape doesn't fit.
+
+    Examples
+    --------
+    >>> round(psnr(np.full((2, 2, 3), 100, np.uint8), np.full((2, 2, 3), 110, np.uint8)), 2)
+    28.13
+    """
+    a, b, counts = _pair(picture, truth, where)
+    if not counts.any():
+        return math.nan
+    error = float(np.mean(np.square(a[counts] - b[counts])))
+    return 10 * math.log10(255**2 / error) if error else math.inf
+
+
+def ssim(picture: npt.ArrayLike, truth: npt.ArrayLike, *, where: npt.ArrayLike | None = None) -> float:
+    """Structural similarity (Wang, Bovik, Sheikh and Simoncelli, 2004) with windows of 7 x 7 pixels.
+
+    Parameters
+    ----------
+    picture, truth : (H, W) or (H, W, C) array_like of uint8
+        At least 7 pixels a side.
+    where : (H, W) array_like of bool, optional
+        The windows that count, by their middles; all by default. What else lies in them is looked at all the same.
+
+    Returns
+    -------
+    float
+        Mean over windows that lie wholly in the image and over channels, 1 where nothing differs; NaN where no window
+        counts. The same as ``skimage.metrics.structural_similarity(..., channel_axis=-1)``.
+
+    Raises
+    ------
+    ValueError
+        If the pictures are not uint8, are smaller than a window, or a shape doesn't fit.
+
+    Examples
+    --------
+    >>> round(ssim(np.full((8, 8), 100, np.uint8), np.full((8, 8), 110, np.uint8)), 4)
+    0.9955
+    """
+    a, b, counts = _pair(picture, truth, where)
+    if min(a.shape[:2]) < _WINDOW:
+        raise ValueError(f"picture must have at least {_WINDOW} pixels a side, got {a.shape[:2]}")
+    half = _WINDOW // 2
+    counts = counts[half:-half, half:-half]
+    if not counts.any():
+        return math.nan
+    mean_a, mean_b = _windows(a), _windows(b)
+    # Of n samples of which the mean is known: divided by n - 1.
+    unbiased = _WINDOW**2 / (_WINDOW**2 - 1)
+    spread_a = unbiased * (_windows(a * a) - mean_a**2)
+    spread_b = unbiased * (_windows(b * b) - mean_b**2)
+    common = unbiased * (_windows(a * b) - mean_a * mean_b)
+    c1, c2 = (0.01 * 255) ** 2, (0.03 * 255) ** 2
+    like = (2 * mean_a * mean_b + c1) * (2 * common + c2)
+    unlike = (mean_a**2 + mean_b**2 + c1) * (spread_a + spread_b + c2)
+    return float((like / unlike)[counts].mean())
+
+
+@dataclass(frozen=True)
+class Quality:
+    """How good a warped picture is.
+
+    Attributes
+    ----------
+    psnr, ssim : float
+        Over the pixels whose surface a reference saw; holes count as they are coloured, black by default. Decibels,
+        and at most 1.
+    known_psnr : float
+        Over those of them that are no holes.
+    cracks : float
+        Share of the pixels whose surface a reference saw that are holes.
+    disoccluded : float
+        Share of the pixels that show a surface which no reference saw: those are rightly holes.
+    guessed : float
+        Share of the disoccluded pixels that are covered all the same.
+    """
+
+    psnr: float
+    ssim: float
+    known_psnr: float
+    cracks: float
+    disoccluded: float
+    guessed: float
+
+
+def compare(warped: Warped, truth: DepthImage, known: npt.ArrayLike) -> Quality:
+    """Measures a warped picture against one of the scene itself.
+
+    Parameters
+    ----------
+    warped : Warped
+        What `cyclorama.warp.forward` made, of H x W pixels.
+    truth : DepthImage
+        The scene from the same camera: see `textured`.
+    known : (H, W) array_like of bool
+        The pixels whose surface a reference saw: see `seen`.
+
+    Raises
+    ------
+    ValueError
+        If a shape doesn't fit.
+
+    Examples
+    --------
+    >>> import cyclorama as cyc
+    >>> scene = cyc.scenes.sphere(600)
+    >>> here, there = (cyc.Camera.look_at((x, 0, 3), (0, 0, 0), width=64, height=64) for x in (0, 0.1))
+    >>> truth = textured(scene, there)
+    >>> warped = cyc.warp.forward(textured(scene, here), there, splat="mesh")
+    >>> compare(warped, truth, seen(scene, truth, here)).cracks
+    0.0
+    """
+    mask = np.asarray(known)
+    if mask.shape != truth.shape or mask.dtype != np.bool_:
+        raise ValueError(f"known must be {truth.shape} bool, as the truth has, got {mask.shape} {mask.dtype}")
+    hidden = ~mask & ~truth.missing
+    colors = truth.color[..., :3]
+    return Quality(
+        psnr(warped.color, colors, where=mask),
+        ssim(warped.color, colors, where=mask) if min(truth.shape) >= _WINDOW else math.nan,
+        psnr(warped.color, colors, where=mask & ~warped.hole),
+        _share(warped.hole, mask),
+        _share(hidden, ~truth.missing),
+        _share(~warped.hole, hidden),
+    )
+
+
+def _share(of: Mask, among: Mask) -> float:
+    count = np.count_nonzero(among)
+    return int(np.count_nonzero(of & among)) / int(count) if count else 0.0
+
+
+def _pair(picture: npt.ArrayLike, truth: npt.ArrayLike, where: npt.ArrayLike | None) -> tuple[Floats, Floats, Mask]:
+    """Both as (H, W, C) float64, and the pixels that count."""
+    a, b = np.asarray(picture), np.asarray(truth)
+    if a.dtype != np.uint8 or b.dtype != np.uint8:
+        raise ValueError(f"picture and truth must be uint8, got {a.dtype} and {b.dtype}")
+    if a.shape != b.shape or a.ndim not in (2, 3):
+        raise ValueError(f"picture and truth must have one shape, (H, W) or (H, W, C), got {a.shape} and {b.shape}")
+    counts = np.ones(a.shape[:2], np.bool_) if where is None else np.asarray(where)
+    if counts.shape != a.shape[:2] or counts.dtype != np.bool_:
+        raise ValueError(f"where must be {a.shape[:2]} bool, as the pictures have, got {counts.shape} {counts.dtype}")
+    shape = (*a.shape[:2], -1)
+    return a.reshape(shape).astype(np.float64), b.reshape(shape).astype(np.float64), counts
+
+
+def _windows(values: Floats) -> Floats:
+    """Means over all windows that lie wholly in an image."""
+    sums = np.zeros((values.shape[0] + 1, values.shape[1] + 1, values.shape[2]))
+    np.cumsum(np.cumsum(values, axis=0), axis=1, out=sums[1:, 1:])
+    n = _WINDOW
+    return np.asarray((sums[n:, n:] - sums[:-n, n:] - sums[n:, :-n] + sums[:-n, :-n]) / n**2)
 
 
 def _depth_of_plane(camera: Camera, pixels: Floats, points: Floats, normals: Floats, depth: Floats) -> Floats:

@@ -24,8 +24,9 @@ __all__ = ["NO_SOURCE", "Warped", "forward", "map"]
 NO_SOURCE = np.uint8(0xFF)
 """The image in `Warped.source` of pixels that no sample covers."""
 
+_Arrays = tuple[npt.NDArray[np.uint8], npt.NDArray[np.float32], npt.NDArray[np.bool_] | None]
 Order = Literal["occlusion", "zbuffer"]
-Splat = int | Literal["projected", "disparity"]
+Splat = int | Literal["projected", "disparity", "mesh"]
 
 # Wider splats than this blur everything and take long.
 _WIDEST_SPLAT = 63
@@ -117,12 +118,17 @@ def forward(
         The centre counts more: a pixel that centres fall on shows one of them. Any other shows the nearest of the samples
         shown in the square around it; of equally near ones one of the least distant row, of these of the least distant
         column, of these the upper or left one.
+        "mesh": not a splat, but two triangles between every four neighbouring samples of one surface (section 4.2.2's
+        bilinearly interpolated surfaces), coloured by interpolation and cut where the four are not one surface: see
+        `DepthImage.cut`. Turned-over triangles are not drawn. At a cut each sample keeps its own pixel, and behind all
+        others a surface goes on until just before the sample beyond; only those last pixels are not `exact`.
     order : {"occlusion", "zbuffer"}
-        Which of several samples that fall on one pixel is shown. "zbuffer": the nearest; of equally near ones that of
-        the last image, the last in it row by row. "occlusion" compares no depths: each image is drawn over those
-        before it, in up to four sheets around the epipole in which nearer samples come later (section 4.2.1 of the
-        dissertation), and the last one drawn is shown. That is the nearer of two samples on one ray; of samples of one
-        surface, or of neighbouring rows, that merely share a pixel it may be either.
+        A mesh shows the nearest surface of all images, whatever is asked here. For splats: which of several samples
+        that fall on one pixel is shown. "zbuffer": the nearest; of equally near ones that of the last image, the last
+        in it row by row. "occlusion" compares no depths: each image is drawn over those before it, in up to four sheets
+        around the epipole in which nearer samples come later (section 4.2.1 of the dissertation), and the last one
+        drawn is shown. That is the nearer of two samples on one ray; of samples of one surface, or of neighbouring
+        rows, that merely share a pixel it may be either.
     background : Warped or (H, W, 3) ndarray of uint8, optional
         The colours of holes, such as the previous picture, whose pixels so persist (section 4.2.3): holes all the same.
         Black by default.
@@ -159,7 +165,7 @@ def forward(
     _check_camera(camera)
     if order not in ("occlusion", "zbuffer"):
         raise ValueError(f"order must be 'occlusion' or 'zbuffer', got {order!r}")
-    size = _splat_size(splat)
+    size = 0 if splat == "mesh" else _splat_size(splat)
     if out is None:
         out = _fresh(camera)
     elif not isinstance(out, Warped):
@@ -169,14 +175,22 @@ def forward(
     elif out.camera is not camera:
         out = Warped(out.color, out.depth, out.hole, out.exact, out.source, camera)
     behind = _colors_behind(background, out)
+    cameras = stack([*(image.camera for image in pictures), camera])
+    arrays: list[_Arrays] = [(image.color, image.disparity, image.missing) for image in pictures]
+    results = out.color, out.depth, out.hole, out.exact, out.source
+    kept = behind is out.color
+    if splat == "mesh":
+        joins = [image.joins for image in pictures]
+        _core.depth_mesh_warp(cameras, arrays, joins, results, None if kept else behind, kept, threads)
+        return out
     _core.warp_forward(
-        stack([*(image.camera for image in pictures), camera]),
-        [(image.color, image.disparity, image.missing) for image in pictures],
-        (out.color, out.depth, out.hole, out.exact, out.source),
+        cameras,
+        arrays,
+        results,
         size,
         order,
-        None if behind is out.color else behind,
-        behind is out.color,
+        None if kept else behind,
+        kept,
         threads,
     )
     return out

@@ -3,22 +3,17 @@
 use super::arrays::row_major;
 use super::interrupt;
 use super::render::{CameraArrays, PyMesh, cameras};
-use crate::camera::Camera;
+use super::warp::{ImageArrays, PictureArrays, behind, image, picture};
 use crate::error::Error;
 use crate::image::depth_mesh::joins::{Rule, joins};
-use crate::image::depth_mesh::{Picture, Source, warp};
+use crate::image::depth_mesh::{Source, warp};
 use numpy::{
-    PyArray1, PyReadonlyArray2, PyReadonlyArray3, PyReadwriteArray2, PyReadwriteArray3,
-    PyUntypedArrayMethods, ToPyArray,
+    IntoPyArray, PyArray2, PyArrayMethods, PyReadonlyArray2, PyReadonlyArray3, PyUntypedArrayMethods,
 };
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-fn the_camera(arrays: &CameraArrays<'_>) -> PyResult<Camera> {
-    cameras(arrays)?.pop().ok_or_else(|| PyValueError::new_err("no camera"))
-}
-
-/// Which samples are one surface with their neighbours, row by row.
+/// Which samples are one surface with their neighbours.
 #[pyfunction]
 #[pyo3(signature = (disparity, missing, step, slope, ids=None, mesh=None))]
 fn depth_mesh_joins<'py>(
@@ -29,8 +24,8 @@ fn depth_mesh_joins<'py>(
     slope: f32,
     ids: Option<PyReadonlyArray2<'py, u32>>,
     mesh: Option<Bound<'py, PyMesh>>,
-) -> PyResult<Bound<'py, PyArray1<u8>>> {
-    let width = disparity.shape()[1];
+) -> PyResult<Bound<'py, PyArray2<u8>>> {
+    let [height, width] = [disparity.shape()[0], disparity.shape()[1]];
     let same = |shape: &[usize]| shape == disparity.shape();
     if !same(missing.shape()) || ids.as_ref().is_some_and(|ids| !same(ids.shape())) {
         return Err(PyValueError::new_err("disparity, missing and ids must have the same shape"));
@@ -52,51 +47,40 @@ fn depth_mesh_joins<'py>(
         }
         Ok(joins(disparity, missing, width, &Rule { ids, adjacency, slope, step }))
     })?;
-    Ok(flags.to_pyarray(py))
+    flags.into_pyarray(py).reshape([height, width])
 }
 
-/// A depth image as arrays: camera, disparity, joins, color.
-type ImageArrays<'py> =
-    (CameraArrays<'py>, PyReadonlyArray2<'py, f32>, PyReadonlyArray2<'py, u8>, PyReadonlyArray3<'py, u8>);
-
-/// Draws images as depth meshes into `color`, `depth`, `hole`, `exact` and `source`.
+/// Warps images as depth meshes to the last of the cameras, the nearest surface first, into arrays of its size.
+///
+/// `keep` leaves the colours of holes as they are in `out`.
 #[pyfunction]
-#[pyo3(signature = (images, camera, color, depth, hole, exact, source, threads=None))]
+#[pyo3(signature = (cameras, images, joins, out, background=None, keep=false, threads=None))]
 #[expect(clippy::too_many_arguments, reason = "one keyword each in Python")]
 fn depth_mesh_warp(
     py: Python<'_>,
+    cameras: CameraArrays<'_>,
     images: Vec<ImageArrays<'_>>,
-    camera: CameraArrays<'_>,
-    mut color: PyReadwriteArray3<'_, u8>,
-    mut depth: PyReadwriteArray2<'_, f32>,
-    mut hole: PyReadwriteArray2<'_, bool>,
-    mut exact: PyReadwriteArray2<'_, bool>,
-    mut source: PyReadwriteArray2<'_, u8>,
+    joins: Vec<PyReadonlyArray2<'_, u8>>,
+    mut out: PictureArrays<'_>,
+    background: Option<PyReadonlyArray3<'_, u8>>,
+    keep: bool,
     threads: Option<i64>,
 ) -> PyResult<()> {
-    let to = the_camera(&camera)?;
-    let from = images.iter().map(|image| the_camera(&image.0)).collect::<PyResult<Vec<_>>>()?;
-    let sources = images
-        .iter()
-        .zip(&from)
-        .map(|((_, disparity, joins, color), camera)| {
-            Ok(Source {
-                camera,
-                disparity: row_major("disparity", disparity)?,
-                joins: row_major("joins", joins)?,
-                color: row_major("color", color)?,
-                channels: color.shape()[2],
-            })
+    let mut cameras = self::cameras(&cameras)?;
+    let target = cameras.pop().ok_or_else(|| PyValueError::new_err("no camera"))?;
+    if [cameras.len(), joins.len()] != [images.len(); 2] {
+        return Err(PyValueError::new_err("images, joins and cameras must be as many"));
+    }
+    let sources = cameras
+        .into_iter()
+        .zip(images.iter().zip(&joins))
+        .map(|(camera, (arrays, joins))| {
+            Ok(Source { image: image(camera, arrays)?, joins: row_major("joins", joins)? })
         })
         .collect::<PyResult<Vec<_>>>()?;
-    let mut picture = Picture {
-        color: color.as_slice_mut()?,
-        depth: depth.as_slice_mut()?,
-        hole: hole.as_slice_mut()?,
-        exact: exact.as_slice_mut()?,
-        source: source.as_slice_mut()?,
-    };
-    interrupt::run(py, threads, None, |control| warp(&sources, &to, &mut picture, control))
+    let background = behind(background.as_ref(), keep)?;
+    let picture = picture(&mut out)?;
+    interrupt::brief(py, threads, |control| warp(&sources, &target, background, picture, control))
 }
 
 pub fn register(m: &Bound<'_, PyModule>) -> PyResult<()> {

@@ -18,7 +18,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 /// Colours, disparities and what is missing, of each image.
-type ImageArrays<'py> =
+pub type ImageArrays<'py> =
     (PyReadonlyArray3<'py, u8>, PyReadonlyArray2<'py, f32>, Option<PyReadonlyArray2<'py, bool>>);
 
 /// Colours, depths, holes, exact hits and sources.
@@ -30,7 +30,7 @@ pub type PictureArrays<'py> = (
     PyReadwriteArray2<'py, u8>,
 );
 
-fn image<'a>(camera: Camera, arrays: &'a ImageArrays<'_>) -> PyResult<DepthImage<'a>> {
+pub fn image<'a>(camera: Camera, arrays: &'a ImageArrays<'_>) -> PyResult<DepthImage<'a>> {
     let color = row_major("color", &arrays.0)?;
     let pixels = match arrays.0.shape()[2] {
         3 => Pixels::Rgb(color.as_chunks().0),
@@ -52,6 +52,25 @@ pub fn order(name: &str) -> PyResult<Order> {
         "zbuffer" => Ok(Order::Depth),
         _ => Err(PyValueError::new_err(format!("order must be 'occlusion' or 'zbuffer', got {name:?}"))),
     }
+}
+
+/// The colours of holes.
+pub fn behind<'a>(background: Option<&'a PyReadonlyArray3<'_, u8>>, keep: bool) -> PyResult<Background<'a>> {
+    Ok(match background {
+        _ if keep => Background::Kept,
+        Some(picture) => Background::Picture(row_major("background", picture)?.as_chunks().0),
+        None => Background::Black,
+    })
+}
+
+pub fn picture<'a>(out: &'a mut PictureArrays<'_>) -> PyResult<Picture<'a>> {
+    Ok(Picture {
+        color: out.0.as_slice_mut()?.as_chunks_mut().0,
+        depth: out.1.as_slice_mut()?,
+        hole: out.2.as_slice_mut()?,
+        exact: out.3.as_slice_mut()?,
+        source: out.4.as_slice_mut()?,
+    })
 }
 
 /// Warps images to the last of the cameras, one over the other, into arrays of its size.
@@ -79,18 +98,8 @@ fn warp_forward(
     let order = self::order(order)?;
     let images =
         cameras.into_iter().zip(&images).map(|(c, arrays)| image(c, arrays)).collect::<PyResult<Vec<_>>>()?;
-    let background = match &background {
-        _ if keep => Background::Kept,
-        Some(picture) => Background::Picture(row_major("background", picture)?.as_chunks().0),
-        None => Background::Black,
-    };
-    let picture = Picture {
-        color: out.0.as_slice_mut()?.as_chunks_mut().0,
-        depth: out.1.as_slice_mut()?,
-        hole: out.2.as_slice_mut()?,
-        exact: out.3.as_slice_mut()?,
-        source: out.4.as_slice_mut()?,
-    };
+    let background = behind(background.as_ref(), keep)?;
+    let picture = picture(&mut out)?;
     interrupt::brief(py, threads, move |control: &Control| {
         forward::forward(&images, &target, order, size / 2, background, picture, control)
     })

@@ -165,7 +165,7 @@ impl Work {
         tag: u32,
         band: &mut Band,
     ) {
-        let width = source.camera.width;
+        let width = source.image.camera.width;
         let flags = [&source.joins[row * width..][..width], &source.joins[(row + 1) * width..][..width]];
         for i in 0..width - 1 {
             let joined = flags[0][i] & (RIGHT | DOWN) == RIGHT | DOWN
@@ -174,7 +174,7 @@ impl Work {
             let there = above.there[i] & above.there[i + 1] & below.there[i] & below.there[i + 1];
             self.whole[i] = u8::from(joined) & there;
         }
-        let place_of_row = ((row + 1) * (width + 1)) as u32;
+        let place_of_row = ((row + 1) * width) as u32;
         for at in (0..width - 1).step_by(CHUNK) {
             let corners = Corners::new(above, below, at);
             let tag = tag | Place::ALL << Place::CORNERS;
@@ -190,7 +190,7 @@ impl Work {
         let whole: &[u8; CHUNK] = self.whole[at..].first_chunk().expect("padded to whole chunks");
         let mut most = [0.0_f32; 2];
         let mut large = 0_u32;
-        for i in 0..CHUNK {
+        for (i, &whole) in whole.iter().enumerate() {
             let [ax, bx, cx, dx] = [corners.x[0][i], corners.x[1][i], corners.x[2][i], corners.x[3][i]];
             let [ay, by, cy, dy] = [corners.y[0][i], corners.y[1][i], corners.y[2][i], corners.y[3][i]];
             let [x, columns] = centres(
@@ -203,7 +203,7 @@ impl Work {
                 greatest(greatest(ay, by), greatest(cy, dy)),
                 rows,
             );
-            let some = whole[i] != 0 && columns > 0.0 && rows > 0.0;
+            let some = whole != 0 && columns > 0.0 && rows > 0.0;
             let columns = if some { columns } else { 0.0 };
             let rows = if some { rows } else { 0.0 };
             let few = columns <= FEW && rows <= FEW;

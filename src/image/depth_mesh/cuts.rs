@@ -2,7 +2,8 @@
 
 use super::blocks::{fill, reach};
 use super::joins::{DOWN, PRESENT, RIGHT};
-use super::{Band, Mapping, Place, SOLID, Sample, Source};
+use super::{Band, Place, SOLID, Sample, Source};
+use crate::image::warp::mapping::Mapping;
 
 /// A sample's own pixel reaches half a step to each side.
 const OWN: f32 = 0.5;
@@ -12,7 +13,7 @@ const ON: f32 = 15.0 / 16.0;
 
 /// Draws the cut blocks between rows `row - 1` and `row` of the source; outside of it there are no samples.
 pub fn draw(mapping: &Mapping, source: &Source<'_>, row: usize, tag: u32, band: &mut Band) {
-    let (width, height) = (source.camera.width, source.camera.height);
+    let (width, height) = (source.image.camera.width, source.image.camera.height);
     let flag = |x: usize, y: usize| if x < width && y < height { source.joins[y * width + x] } else { 0 };
     for column in 0..=width {
         // Beyond the first row and column, `wrapping_sub` makes a number that is beyond the last.
@@ -22,7 +23,7 @@ pub fn draw(mapping: &Mapping, source: &Source<'_>, row: usize, tag: u32, band: 
         if joined == [true; 4] || (a | b | c | d) & PRESENT == 0 {
             continue;
         }
-        let block = (row * (width + 1) + column) as u32;
+        let block = (row * width + column) as u32;
         for (corner, flags) in [a, b, c, d].into_iter().enumerate() {
             if flags & PRESENT != 0 {
                 let (x, y) =
@@ -55,8 +56,8 @@ fn quarter(
     tag: u32,
     band: &mut Band,
 ) {
-    let width = source.camera.width;
-    let own = source.disparity[row * width + column];
+    let width = source.image.camera.width;
+    let own = source.image.disparity[row * width + column];
     let slant = slant(source, [column, row]);
     for (reach_of, solid) in [(OWN, SOLID), (ON, 0)] {
         // Where in the block the quarter begins and ends, and from the sample.
@@ -100,12 +101,13 @@ fn quarter(
 
 /// By how much disparity grows to the right and down, as the samples say that are joined to this one.
 fn slant(source: &Source<'_>, [column, row]: [usize; 2]) -> [f32; 2] {
-    let width = source.camera.width;
+    let width = source.image.camera.width;
     let i = row * width + column;
     let along = |flag: u8, stride: usize, room: bool| {
         let before = (room && source.joins[i - stride] & flag != 0)
-            .then(|| source.disparity[i] - source.disparity[i - stride]);
-        let after = (source.joins[i] & flag != 0).then(|| source.disparity[i + stride] - source.disparity[i]);
+            .then(|| source.image.disparity[i] - source.image.disparity[i - stride]);
+        let after = (source.joins[i] & flag != 0)
+            .then(|| source.image.disparity[i + stride] - source.image.disparity[i]);
         match (before, after) {
             (Some(before), Some(after)) => 0.5 * (before + after),
             (one, other) => one.or(other).unwrap_or(0.0),

@@ -19,58 +19,23 @@ pub mod joins;
 mod resolve;
 mod rows;
 
-use crate::camera::{Camera, Projection};
+use super::warp::image::DepthImage;
+use super::warp::mapping::Mapping;
+use super::warp::picture::{Background, Picture};
+use crate::camera::Camera;
 use crate::control::Control;
 use crate::error::Error;
 use crate::render::lanes::{InstructionSet, Kernel, Lanes};
-use glam::{DMat3, DVec3};
 use rayon::prelude::*;
+use resolve::Resolve;
 use rows::Row;
 
-pub use resolve::Picture;
-
-/// An image with depth.
-#[derive(Debug, Clone, Copy)]
+/// An image with depth, and which of its samples are one surface.
+#[derive(Debug, Clone)]
 pub struct Source<'a> {
-    pub camera: &'a Camera,
-    /// 1 / depth at each sample, 0 where infinitely far.
-    pub disparity: &'a [f32],
+    pub image: DepthImage<'a>,
     /// What [`joins::joins`] found.
     pub joins: &'a [u8],
-    /// Bytes of all samples, one after the other.
-    pub color: &'a [u8],
-    /// Bytes a sample, 3 or 4.
-    pub channels: usize,
-}
-
-/// Where samples of one camera lie in the image of another: `matrix * (u, v, 1) + disparity * offset`.
-///
-/// The last of the three homogeneous coordinates is the new depth over the old one.
-#[derive(Debug, Clone, Copy)]
-pub struct Mapping {
-    pub matrix: DMat3,
-    pub offset: DVec3,
-    /// Least depth that is seen.
-    pub near: f64,
-}
-
-impl Mapping {
-    /// # Errors
-    /// A camera is orthographic, or none that [`Camera::check`] accepts.
-    pub fn new(from: &Camera, to: &Camera) -> Result<Self, Error> {
-        for camera in [from, to] {
-            camera.check()?;
-            if camera.projection == Projection::Orthographic {
-                return Err(Error::Invalid("camera is orthographic: a warp needs pinhole cameras".into()));
-            }
-        }
-        let turn = to.rotation * from.rotation.transpose();
-        Ok(Self {
-            matrix: to.k * turn * from.k.inverse(),
-            offset: to.k * (to.translation - turn * from.translation),
-            near: to.near,
-        })
-    }
 }
 
 /// What is nearest at a pixel of the new image.
@@ -79,7 +44,7 @@ impl Mapping {
 struct Sample {
     /// [`SOLID`] and the bits of the new disparity; 0 is a hole.
     key: u32,
-    /// The block it comes from: column + 1 + (row + 1) * (width + 1) of its upper left sample.
+    /// The block it comes from: `(row + 1) * width + column + 1` of its upper left sample in the source.
     block: u32,
     /// Where in the block: see [`Place`].
     place: u32,
@@ -105,63 +70,58 @@ impl Place {
 /// Most sources at once: as many as eight bits hold, but the one that says none.
 pub const MOST_SOURCES: usize = 255;
 
-/// Draws all sources into one picture, the nearest surface first.
+/// Bands a thread draws, so that none waits long for another.
+const BANDS_A_THREAD: usize = 2;
+
+/// Draws all sources into one picture of the `target` camera, the nearest surface first.
 ///
 /// # Errors
-/// Cameras that are not pinholes, or sizes that don't fit; [`Error::Interrupted`].
+/// [`Error::Invalid`] for cameras that can't be warped, more than [`MOST_SOURCES`], or sizes that don't fit;
+/// [`Error::Interrupted`].
 pub fn warp(
     sources: &[Source<'_>],
-    to: &Camera,
-    picture: &mut Picture<'_>,
+    target: &Camera,
+    background: Background<'_>,
+    picture: Picture<'_>,
     control: &Control,
 ) -> Result<(), Error> {
-    to.check()?;
-    picture.check(to)?;
+    target.check()?;
+    let width = target.width;
+    picture.check(width * target.height)?;
     if sources.len() > MOST_SOURCES {
-        return Err(Error::Invalid(format!(
-            "at most {MOST_SOURCES} images can be warped at once, got {}",
-            sources.len()
-        )));
+        let text = format!("a warp takes {MOST_SOURCES} images at most, got {}", sources.len());
+        return Err(Error::Invalid(text));
     }
     let mappings = sources
         .iter()
         .map(|source| {
-            source.check()?;
-            Mapping::new(source.camera, to)
+            source.image.check()?;
+            let samples = source.image.disparity.len();
+            if source.joins.len() != samples {
+                let text = format!("joins has {} entries, the image {samples} samples", source.joins.len());
+                return Err(Error::Invalid(text));
+            }
+            Mapping::new(&source.image.camera, target)
         })
-        .collect::<Result<Vec<_>, _>>()?;
-    let height = to.height.div_ceil(2 * rayon::current_num_threads()).max(16);
-    let bands: Vec<_> = picture.bands(height, to.width).enumerate().collect();
-    bands.into_par_iter().try_for_each(|(index, mut out)| {
-        let first = index * height;
-        let rows = first..(first + height).min(to.height);
-        let mut band =
-            Band { samples: vec![Sample::default(); rows.len() * to.width], width: to.width, rows };
+        .collect::<Result<Vec<_>, Error>>()?;
+    let threads = rayon::current_num_threads();
+    let bands = if threads == 1 { 1 } else { threads * BANDS_A_THREAD };
+    let height = target.height.div_ceil(bands);
+    let set = InstructionSet::best();
+    picture.parts(height * width).into_par_iter().enumerate().try_for_each(|(index, picture)| {
+        let top = index * height;
+        let rows = top..top + picture.depth.len() / width;
+        let mut band = Band { samples: vec![Sample::default(); rows.len() * width], width, rows };
         for (number, (source, mapping)) in sources.iter().zip(&mappings).enumerate() {
-            InstructionSet::best().run(Draw { source, mapping, number, band: &mut band, control })?;
+            set.run(Draw { source, mapping, number, band: &mut band, control })?;
         }
-        InstructionSet::best().run(resolve::Resolve { samples: &band.samples, sources, out: &mut out });
+        let background = match background {
+            Background::Picture(behind) => Background::Picture(&behind[top * width..]),
+            other => other,
+        };
+        set.run(Resolve { samples: &band.samples, sources, background, picture });
         Ok(())
     })
-}
-
-impl Source<'_> {
-    fn check(&self) -> Result<(), Error> {
-        let samples = self.camera.width * self.camera.height;
-        let sizes = [self.disparity.len(), self.joins.len()];
-        if sizes != [samples; 2]
-            || self.color.len() != samples * self.channels
-            || !matches!(self.channels, 3 | 4)
-        {
-            return Err(Error::Invalid(format!(
-                "an image of {samples} samples has {} disparities, {} joins and {} bytes of colour",
-                sizes[0],
-                sizes[1],
-                self.color.len()
-            )));
-        }
-        Ok(())
-    }
 }
 
 /// Some rows of the new image.
@@ -198,7 +158,7 @@ impl Kernel for Draw<'_, '_> {
     #[inline(always)]
     fn run<L: Lanes>(self) -> Result<(), Error> {
         let Self { source, mapping, number, band, control } = self;
-        let (width, height) = (source.camera.width, source.camera.height);
+        let (width, height) = (source.image.camera.width, source.image.camera.height);
         let tag = (number as u32) << Place::SOURCE;
         let [mut above, mut below] = [Row::new(width), Row::new(width)];
         let mut work = blocks::Work::new(width);

@@ -1,8 +1,9 @@
 //! A row of samples where they lie in the new image.
 
+use super::Source;
 use super::blocks::CHUNK;
 use super::joins::PRESENT;
-use super::{Mapping, Source};
+use crate::image::warp::mapping::Mapping;
 use std::ops::Range;
 
 /// A row of samples, padded to whole chunks of blocks.
@@ -37,8 +38,8 @@ impl Row {
     /// Where a row of the source lies.
     #[inline(always)]
     pub fn project(&mut self, mapping: &Mapping, source: &Source<'_>, row: usize) {
-        let width = source.camera.width;
-        let disparity = &source.disparity[row * width..][..width];
+        let width = source.image.camera.width;
+        let disparity = &source.image.disparity[row * width..][..width];
         let joins = &source.joins[row * width..][..width];
         let (x, y) = (&mut self.x[..width], &mut self.y[..width]);
         let (ratio, nearness) = (&mut self.ratio[..width], &mut self.disparity[..width]);
