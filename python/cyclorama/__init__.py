@@ -1,7 +1,6 @@
 """Cyclorama decides ahead of time what of a 3D scene can be seen from where."""
 
-from . import bitfield, lab, ldi, patches, scenes, sphere, warp
-from . import bitfield, lab, patches, quality, scenes, sphere, warp
+from . import bitfield, lab, ldi, patches, quality, scenes, sphere, warp
 from .assembly import Assembly
 from .baking import bake
 from .bitfield import Bitfields
