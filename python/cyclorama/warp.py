@@ -1,9 +1,9 @@
 """Pictures with depth, seen from where they were not taken.
 
-Each pixel of an image with depth is a sample of a surface. A forward warp moves the samples to where another camera sees
-them (McMillan and Bishop's warp; section 4.2 of the 1998 dissertation) and leaves a *hole* where no sample comes to lie:
-behind what hid something from the image, outside of what it saw, and in cracks between samples that moved apart. What is
-guessed for holes is never mixed up with what is known: `Warped.hole` says which is which.
+Each pixel of an image with depth is a sample of a surface. A forward warp moves the samples to where another camera
+sees them (McMillan and Bishop's warp; section 4.2 of the 1998 dissertation) and leaves a *hole* where none comes to
+lie: behind what hid something from the image, outside of what it saw, and in cracks between samples that moved apart.
+What is guessed for holes is never mixed up with what is known: `Warped.hole` says which is which.
 """
 
 from __future__ import annotations
@@ -107,17 +107,17 @@ def forward(
     Parameters
     ----------
     images : DepthImage or sequence of N DepthImage
-        Of any sizes, each with its own pinhole camera; 255 at most. Several are drawn in turn, one over the other, so the
-        farthest comes first: ``sorted(images, key=lambda i: -np.linalg.norm(i.camera.eye - camera.eye))``. None at all
-        is a picture that is all hole.
+        Of any sizes, each with its own pinhole camera; 255 at most. Several are drawn in turn, one over the other, so
+        the farthest comes first: ``sorted(images, key=lambda i: -np.linalg.norm(i.camera.eye - camera.eye))``. None at
+        all is a picture that is all hole.
     camera : Camera
         A pinhole camera, W x H pixels: anywhere, looking anywhere. Samples at or behind the plane of its eye are
         dropped, and those before its near plane.
     splat : int
-        What a sample covers: a square of so many pixels a side, odd, 1 to 63, around the pixel that its centre falls on.
-        The centre counts more: a pixel that centres fall on shows one of them. Any other shows the nearest of the samples
-        shown in the square around it; of equally near ones one of the least distant row, of these of the least distant
-        column, of these the upper or left one.
+        What a sample covers: a square of so many pixels a side, odd, 1 to 63, around the pixel that its centre falls
+        on. The centre counts more: a pixel that centres fall on shows one of them. Any other shows the nearest of the
+        samples shown in the square around it; of equally near ones one of the least distant row, of these of the least
+        distant column, of these the upper or left one.
         "mesh": not a splat, but two triangles between every four neighbouring samples of one surface (section 4.2.2's
         bilinearly interpolated surfaces), coloured by interpolation and cut where the four are not one surface: see
         `DepthImage.cut`. Turned-over triangles are not drawn. At a cut each sample keeps its own pixel, and behind all

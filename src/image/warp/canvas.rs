@@ -1,6 +1,6 @@
-//! The sample that each pixel of the target shows, while samples are drawn.
+//! The samples that pixels of the target show, while they are drawn.
 
-use super::mapping::{Chunk, Window};
+use super::mapping::{CHUNK, Chunk, Window};
 use std::sync::Mutex;
 
 /// A pixel of a canvas: from the top a bit that is set, 31 bits of a float32 disparity (never negative), 8 bits of the
@@ -37,119 +37,108 @@ pub enum Order {
     Depth,
 }
 
-/// The colours of consecutive samples: red in the lowest byte, and nothing above the third.
+/// The colours of consecutive samples.
 pub trait Colors: Copy {
-    fn color(&self, sample: usize) -> u32;
+    fn count(&self) -> usize;
+    /// Writes them with red in the lowest byte and nothing above the third; at most as many as there is room for.
+    fn unpack(&self, colors: &mut [u32; CHUNK]);
 }
 
 impl Colors for &[[u8; 3]] {
     #[inline(always)]
-    fn color(&self, sample: usize) -> u32 {
-        let [r, g, b] = self[sample];
-        u32::from_le_bytes([r, g, b, 0])
+    fn count(&self) -> usize {
+        self.len()
+    }
+
+    #[inline(always)]
+    fn unpack(&self, colors: &mut [u32; CHUNK]) {
+        for (color, &[r, g, b]) in colors.iter_mut().zip(*self) {
+            *color = u32::from(r) | u32::from(g) << 8 | u32::from(b) << 16;
+        }
     }
 }
 
 impl Colors for &[[u8; 4]] {
     #[inline(always)]
-    fn color(&self, sample: usize) -> u32 {
-        u32::from_le_bytes(self[sample]) & 0xFF_FFFF
-    }
-}
-
-/// Rows of a canvas, drawn by one thread.
-///
-/// Each row has one entry more than it has pixels: the first of them takes what falls nowhere.
-#[derive(Debug)]
-pub struct Band<'a> {
-    pub window: Window,
-    words: &'a mut [Word],
-}
-
-impl<'a> Band<'a> {
-    /// `words` are rows of `width + 1`; the first is row `top` of the image.
-    pub fn new(words: &'a mut [Word], width: usize, top: usize) -> Self {
-        let stride = width + 1;
-        assert!(words.len().is_multiple_of(stride) && !words.is_empty());
-        let bottom = top + words.len() / stride;
-        Self { window: Window { width, top, bottom, stride, nowhere: width as u32 }, words }
+    fn count(&self) -> usize {
+        self.len()
     }
 
-    /// Draws the samples of a chunk: in turn, or the last first.
-    ///
-    /// `tag` goes into the bits of the image.
     #[inline(always)]
-    pub fn draw<C: Colors, const DEPTH: bool>(
-        &mut self,
-        chunk: &Chunk,
-        count: usize,
-        colors: C,
-        tag: u32,
-        backward: bool,
-    ) {
-        if backward {
-            for i in (0..count).rev() {
-                self.put::<DEPTH>(chunk.cells[i], word(chunk.nearness[i], colors.color(i) | tag));
-            }
-        } else {
-            for i in 0..count {
-                self.put::<DEPTH>(chunk.cells[i], word(chunk.nearness[i], colors.color(i) | tag));
-            }
+    fn unpack(&self, colors: &mut [u32; CHUNK]) {
+        for (color, &rgba) in colors.iter_mut().zip(*self) {
+            *color = u32::from_le_bytes(rgba) & 0xFF_FFFF;
         }
     }
-
-    #[inline(always)]
-    pub fn put<const DEPTH: bool>(&mut self, cell: u32, word: Word) {
-        let at = &mut self.words[cell as usize];
-        *at = if DEPTH && *at >> 32 > word >> 32 { *at } else { word };
-    }
 }
 
-/// Memory of canvases that are not in use, so that the next warp need not ask for it and touch it first.
-static SPARE: Mutex<Vec<Vec<Word>>> = Mutex::new(Vec::new());
-
-/// Canvases that are kept, and words of the largest of them: 32 MB.
-const MOST_SPARE: usize = 4;
-const MOST_WORDS: usize = 1 << 22;
-
-/// Words of an image that all its bands share; cleared by whoever takes a band.
+/// Rows of the target, drawn by one thread.
+///
+/// Each has one entry more than it has pixels: the first of them takes what falls nowhere.
 #[derive(Debug)]
-pub struct Canvas {
-    pub width: usize,
-    pub height: usize,
+pub struct Band {
+    pub window: Window,
     words: Vec<Word>,
 }
 
-impl Canvas {
-    pub fn new(width: usize, height: usize) -> Self {
+impl Band {
+    /// Nothing drawn, from row `top` to before `bottom`.
+    pub fn new(width: usize, top: usize, bottom: usize) -> Self {
+        let stride = width + 1;
         let mut words = SPARE.lock().ok().and_then(|mut spare| spare.pop()).unwrap_or_default();
-        let count = (width + 1) * height;
-        if words.len() < count {
-            words = vec![0; count];
-        }
-        Self { width, height, words }
+        words.clear();
+        words.resize(stride * (bottom - top), 0);
+        Self { window: Window { width, top, bottom, stride, nowhere: width as u32 }, words }
     }
 
-    fn count(&self) -> usize {
-        (self.width + 1) * self.height
-    }
-
-    /// The words of bands of so many rows each, the last with what is left.
-    pub fn bands(&mut self, rows: usize) -> std::slice::ChunksMut<'_, Word> {
-        let (stride, count) = (self.width + 1, self.count());
-        self.words[..count].chunks_mut(stride * rows)
-    }
-
-    /// The pixels of a row.
+    /// The pixels of a row of the target.
     #[inline(always)]
     pub fn row(&self, y: usize) -> &[Word] {
-        &self.words[y * (self.width + 1)..][..self.width]
+        &self.words[(y - self.window.top) * self.window.stride..][..self.window.width]
+    }
+
+    /// Draws the first samples of a chunk, as many as there are colours: in turn, or the last first.
+    ///
+    /// `tag` goes into the bits of the image.
+    #[inline(always)]
+    pub fn draw<C: Colors, const DEPTH: bool>(&mut self, chunk: &Chunk, colors: C, tag: u32, backward: bool) {
+        let count = colors.count();
+        assert!(count <= CHUNK && chunk.limit() <= self.words.len());
+        let (mut lower, mut words) = ([0; CHUNK], [0; CHUNK]);
+        colors.unpack(&mut lower);
+        for ((word, &nearness), &lower) in words.iter_mut().zip(&chunk.nearness).zip(&lower) {
+            *word = self::word(nearness, lower | tag);
+        }
+        if backward {
+            for i in (0..count).rev() {
+                // SAFETY: `i` is below the count, which is at most CHUNK; cells are below the chunk's limit, which is at
+                // most what there is.
+                unsafe { self.put::<DEPTH>(chunk, &words, i) };
+            }
+        } else {
+            for i in 0..count {
+                // SAFETY: as above.
+                unsafe { self.put::<DEPTH>(chunk, &words, i) };
+            }
+        }
+    }
+
+    /// # Safety
+    /// `sample` is below CHUNK, and its cell has a word.
+    #[inline(always)]
+    unsafe fn put<const DEPTH: bool>(&mut self, chunk: &Chunk, words: &[Word; CHUNK], sample: usize) {
+        // SAFETY: what the caller promises.
+        unsafe {
+            let word = *words.get_unchecked(sample);
+            let at = self.words.get_unchecked_mut(*chunk.cells().get_unchecked(sample) as usize);
+            *at = if DEPTH && *at >> 32 > word >> 32 { *at } else { word };
+        }
     }
 }
 
-impl Drop for Canvas {
+impl Drop for Band {
     fn drop(&mut self) {
-        if self.words.len() <= MOST_WORDS
+        if self.words.capacity() <= MOST_WORDS
             && let Ok(mut spare) = SPARE.lock()
             && spare.len() < MOST_SPARE
         {
@@ -157,3 +146,10 @@ impl Drop for Canvas {
         }
     }
 }
+
+/// Memory of bands that are not in use, so that the next warp need not ask for it and touch it first.
+static SPARE: Mutex<Vec<Vec<Word>>> = Mutex::new(Vec::new());
+
+/// Bands that are kept, and words of the largest of them: 64 MB in all.
+const MOST_SPARE: usize = 16;
+const MOST_WORDS: usize = 1 << 19;

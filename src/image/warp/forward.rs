@@ -1,9 +1,10 @@
 //! Warps of anything that has rows of samples.
 //!
-//! The target is cut into bands of rows. Each is drawn by one thread, in the whole order of the samples, so the answer
-//! is the same for any number of them; rows of the source that can't reach a band are left out.
+//! The target is cut into bands of rows that fit a core's cache. Each is drawn by one thread, in the whole order of the
+//! samples, and written at once, so the answer is the same for any number of threads; rows of the source that can't reach a
+//! band are left out.
 
-use super::canvas::{Band, Canvas, Order};
+use super::canvas::{Band, Order};
 use super::mapping::Mapping;
 use super::picture::{Background, Picture};
 use super::sheets::{Sheet, sheets};
@@ -19,6 +20,9 @@ pub const MOST_IMAGES: usize = 255;
 /// Bands a thread draws, so that none waits long for another.
 const BANDS_A_THREAD: usize = 2;
 
+/// Pixels of a band, at most: half a megabyte, which second-level caches hold.
+const BAND_PIXELS: usize = 1 << 16;
+
 /// Something with rows of samples on the pixels of a camera.
 pub trait Samples: Sync {
     fn camera(&self) -> &Camera;
@@ -27,7 +31,7 @@ pub trait Samples: Sync {
     fn disparities(&self, y: usize) -> [f32; 2];
 
     /// Draws what a sheet has of a row. `tag` goes into the words.
-    fn draw(&self, mapping: &Mapping, sheet: &Sheet, y: usize, order: Order, tag: u32, band: &mut Band<'_>);
+    fn draw(&self, mapping: &Mapping, sheet: &Sheet, y: usize, order: Order, tag: u32, band: &mut Band);
 }
 
 /// An image on its way.
@@ -35,6 +39,8 @@ struct Warp<'a, S> {
     samples: &'a S,
     mapping: Mapping,
     sheets: Vec<Sheet>,
+    /// First and last row of the target that each row may fall on, as real numbers.
+    lines: Vec<[f32; 2]>,
     tag: u32,
 }
 
@@ -50,7 +56,7 @@ pub fn forward<S: Samples>(
     order: Order,
     radius: usize,
     background: Background<'_>,
-    mut picture: Picture<'_>,
+    picture: Picture<'_>,
     control: &Control,
 ) -> Result<(), Error> {
     target.check()?;
@@ -70,6 +76,7 @@ pub fn forward<S: Samples>(
             images.len()
         )));
     }
+    let set = InstructionSet::best();
     let warps = images
         .iter()
         .enumerate()
@@ -80,96 +87,91 @@ pub fn forward<S: Samples>(
                 Order::Occlusion => sheets(&mapping, camera.width, camera.height),
                 Order::Depth => vec![Sheet::whole(camera.width, camera.height)],
             };
-            Ok(Warp { samples, mapping, sheets, tag: (i as u32) << 24 })
+            let lines = set.run(Reach { samples, mapping: &mapping });
+            Ok(Warp { samples, mapping, sheets, lines, tag: (i as u32) << 24 })
         })
         .collect::<Result<Vec<_>, Error>>()?;
     let threads = rayon::current_num_threads();
-    let bands = if threads == 1 { 1 } else { threads * BANDS_A_THREAD };
-    let rows = height.div_ceil(bands);
-    let set = InstructionSet::best();
-    let mut canvas = Canvas::new(width, height);
-    if bands == 1 {
-        for words in canvas.bands(rows) {
-            set.run(Draw { warps: &warps, words, width, top: 0, order, all: true, control })?;
-        }
-        set.run(Resolve { canvas: &canvas, top: 0, radius, background, picture: &mut picture });
-        return Ok(());
-    }
-    canvas.bands(rows).enumerate().par_bridge().try_for_each(|(band, words)| {
-        set.run(Draw { warps: &warps, words, width, top: band * rows, order, all: false, control })
-    })?;
-    let parts = picture.parts(rows * width);
-    parts.into_par_iter().enumerate().for_each(|(band, mut picture)| {
+    let most = if threads > 1 { height.div_ceil(threads * BANDS_A_THREAD) } else { height };
+    let rows = (BAND_PIXELS / width).clamp(1, most);
+    let draw = |band: usize, picture: Picture<'_>| {
         let top = band * rows;
         let background = match background {
             Background::Picture(behind) => Background::Picture(&behind[top * width..]),
             other => other,
         };
-        set.run(Resolve { canvas: &canvas, top, radius, background, picture: &mut picture });
-    });
-    Ok(())
+        set.run(Draw { warps: &warps, target, top, order, radius, background, picture, control })
+    };
+    let parts = picture.parts(rows * width);
+    if threads == 1 {
+        parts.into_iter().enumerate().try_for_each(|(band, part)| draw(band, part))
+    } else {
+        parts.into_par_iter().enumerate().try_for_each(|(band, part)| draw(band, part))
+    }
 }
 
-/// Draws all images on a band.
-struct Draw<'a, S> {
+/// Finds the rows of the target that rows of the source may fall on.
+struct Reach<'a, S> {
+    samples: &'a S,
+    mapping: &'a Mapping,
+}
+
+impl<S: Samples> Kernel for Reach<'_, S> {
+    type Output = Vec<[f32; 2]>;
+
+    #[inline(always)]
+    fn run<L: Lanes>(self) -> Vec<[f32; 2]> {
+        let camera = self.samples.camera();
+        let mut lines = Vec::with_capacity(camera.height);
+        for y in 0..camera.height {
+            let [least, greatest] = self.samples.disparities(y);
+            lines.push(if least <= greatest {
+                let [first, last] =
+                    self.mapping.row(y).lines([0.0, camera.width as f32 - 1.0], [least, greatest]);
+                [first as f32, last as f32]
+            } else {
+                [f32::INFINITY, f32::NEG_INFINITY]
+            });
+        }
+        lines
+    }
+}
+
+/// Draws all images on a band and writes it.
+struct Draw<'a, 'b, S> {
     warps: &'a [Warp<'a, S>],
-    words: &'a mut [u64],
-    width: usize,
+    target: &'a Camera,
     top: usize,
     order: Order,
-    /// The band is the whole image: no row needs to be asked whether it reaches it.
-    all: bool,
+    radius: usize,
+    background: Background<'a>,
+    picture: Picture<'b>,
     control: &'a Control,
 }
 
-impl<S: Samples> Kernel for Draw<'_, S> {
+impl<S: Samples> Kernel for Draw<'_, '_, S> {
     type Output = Result<(), Error>;
 
     #[inline(always)]
-    fn run<L: Lanes>(self) -> Result<(), Error> {
-        self.words.fill(0);
-        let mut band = Band::new(self.words, self.width, self.top);
+    fn run<L: Lanes>(mut self) -> Result<(), Error> {
+        let width = self.target.width;
+        let bottom = self.top + self.picture.depth.len() / width + self.radius;
+        let top = self.top.saturating_sub(self.radius);
+        let mut band = Band::new(width, top, bottom.min(self.target.height));
+        // A pixel more than any rounding of the positions.
+        let (first, last) = (band.window.top as f32 - 1.0, band.window.bottom as f32 + 1.0);
         for warp in self.warps {
             for sheet in &warp.sheets {
                 for y in sheet.lines() {
-                    if self.all || reaches(warp, sheet, y, &band) {
+                    let [least, greatest] = warp.lines[y];
+                    if greatest >= first && least <= last {
                         warp.samples.draw(&warp.mapping, sheet, y, self.order, warp.tag, &mut band);
                     }
                 }
             }
             self.control.step(1)?;
         }
+        self.picture.resolve(&band, self.top, self.radius, self.background);
         Ok(())
-    }
-}
-
-/// Whether samples of a row may fall on a band.
-#[inline(always)]
-fn reaches<S: Samples>(warp: &Warp<'_, S>, sheet: &Sheet, y: usize, band: &Band<'_>) -> bool {
-    let [least, greatest] = warp.samples.disparities(y);
-    if least > greatest {
-        return false;
-    }
-    let columns = [sheet.columns.start as f32, (sheet.columns.end - 1) as f32];
-    let [first, last] = warp.mapping.row(y).lines(columns, [least, greatest]);
-    // A pixel more than any rounding of the positions.
-    last >= band.window.top as f64 - 1.0 && first <= band.window.bottom as f64 + 1.0
-}
-
-/// Writes rows of the picture.
-struct Resolve<'a, 'b> {
-    canvas: &'a Canvas,
-    top: usize,
-    radius: usize,
-    background: Background<'a>,
-    picture: &'a mut Picture<'b>,
-}
-
-impl Kernel for Resolve<'_, '_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run<L: Lanes>(self) {
-        self.picture.resolve(self.canvas, self.top, self.radius, self.background);
     }
 }

@@ -59,16 +59,18 @@ impl Samples for DepthImage<'_> {
     #[inline(always)]
     fn disparities(&self, y: usize) -> [f32; 2] {
         let row = &self.disparity[y * self.camera.width..][..self.camera.width];
-        let (mut least, mut greatest) = (f32::INFINITY, 0.0_f32);
+        // Numbers that are not negative are ordered as their bits, which are compared several at a time.
+        let (mut least, mut greatest) = (i32::MAX, 0);
         for &d in row {
-            least = if d < least { d } else { least };
-            greatest = if d > greatest { d } else { greatest };
+            let bits = d.to_bits() as i32;
+            least = least.min(bits);
+            greatest = greatest.max(bits);
         }
-        [least, greatest]
+        [least, greatest].map(|bits: i32| f32::from_bits(bits as u32))
     }
 
     #[inline(always)]
-    fn draw(&self, mapping: &Mapping, sheet: &Sheet, y: usize, order: Order, tag: u32, band: &mut Band<'_>) {
+    fn draw(&self, mapping: &Mapping, sheet: &Sheet, y: usize, order: Order, tag: u32, band: &mut Band) {
         let row = mapping.row(y);
         let mut chunk = Chunk::default();
         let line = y * self.camera.width;
@@ -78,7 +80,6 @@ impl Samples for DepthImage<'_> {
             let part = if sheet.leftward { parts - 1 - part } else { part };
             let first = start + part * CHUNK;
             let last = (first + CHUNK).min(end);
-            let count = last - first;
             let at = line + first..line + last;
             row.project::<_, false>(
                 Consecutive(first),
@@ -87,23 +88,17 @@ impl Samples for DepthImage<'_> {
                 &mut chunk,
             );
             if let Some(missing) = self.missing {
-                for (cell, &missing) in chunk.cells.iter_mut().zip(&missing[at.clone()]) {
-                    *cell = if missing { band.window.nowhere } else { *cell };
-                }
+                chunk.leave_out(&missing[at.clone()], &band.window);
             }
             match (self.pixels, order) {
                 (Pixels::Rgb(p), Order::Occlusion) => {
-                    band.draw::<_, false>(&chunk, count, &p[at], tag, sheet.leftward);
+                    band.draw::<_, false>(&chunk, &p[at], tag, sheet.leftward);
                 }
-                (Pixels::Rgb(p), Order::Depth) => {
-                    band.draw::<_, true>(&chunk, count, &p[at], tag, sheet.leftward)
-                }
+                (Pixels::Rgb(p), Order::Depth) => band.draw::<_, true>(&chunk, &p[at], tag, sheet.leftward),
                 (Pixels::Rgba(p), Order::Occlusion) => {
-                    band.draw::<_, false>(&chunk, count, &p[at], tag, sheet.leftward);
+                    band.draw::<_, false>(&chunk, &p[at], tag, sheet.leftward);
                 }
-                (Pixels::Rgba(p), Order::Depth) => {
-                    band.draw::<_, true>(&chunk, count, &p[at], tag, sheet.leftward)
-                }
+                (Pixels::Rgba(p), Order::Depth) => band.draw::<_, true>(&chunk, &p[at], tag, sheet.leftward),
             }
         }
     }

@@ -10,8 +10,11 @@ use crate::camera::{Camera, Projection};
 use crate::error::Error;
 use glam::{DMat3, DVec3, dvec3};
 
-/// How many samples are mapped together: what they need stays in the first-level cache.
+/// How many samples are mapped one after the other: what they need stays in the first-level cache.
 pub const CHUNK: usize = 256;
+
+/// How many of them at once: a register of AVX-512, or several of what there is.
+const GROUP: usize = 16;
 
 /// Rounding of the last coordinate in float32, in units of its terms: below it float64 decides on which side a sample is.
 const DOUBT: f64 = 8.0 * f32::EPSILON as f64;
@@ -137,11 +140,17 @@ pub struct Window {
     pub bottom: usize,
     /// Pixels from a row to the next.
     pub stride: usize,
-    /// The cell of samples that fall on no pixel.
+    /// The cell of samples that fall on no pixel, beside the first row: less than the stride.
     pub nowhere: u32,
 }
 
 impl Window {
+    /// Cells that a sample may have.
+    #[inline(always)]
+    pub fn cells(&self) -> usize {
+        self.stride * (self.bottom - self.top)
+    }
+
     /// The cell of a position, relative to the first row.
     #[inline(always)]
     fn cell(&self, u: f64, v: f64) -> u32 {
@@ -154,25 +163,51 @@ impl Window {
 #[repr(align(64))]
 #[derive(Debug, Clone)]
 pub struct Chunk {
+    /// The pixel of the window that each falls on; below `limit`.
+    cells: [u32; CHUNK],
+    /// Disparity in the target.
+    pub nearness: [f32; CHUNK],
     /// Pixel coordinates; anything where a sample falls nowhere.
     pub u: [f32; CHUNK],
     pub v: [f32; CHUNK],
-    /// The pixel of the [`Window`] that each falls on.
-    pub cells: [u32; CHUNK],
-    /// Disparity in the target.
-    pub nearness: [f32; CHUNK],
     /// Source depth over target depth.
     pub growth: [f32; CHUNK],
+    /// Cells of the window that was projected to.
+    limit: usize,
 }
 
 impl Default for Chunk {
     fn default() -> Self {
         Self {
-            u: [0.0; CHUNK],
-            v: [0.0; CHUNK],
             cells: [0; CHUNK],
             nearness: [0.0; CHUNK],
+            u: [0.0; CHUNK],
+            v: [0.0; CHUNK],
             growth: [0.0; CHUNK],
+            limit: 1,
+        }
+    }
+}
+
+impl Chunk {
+    #[inline(always)]
+    pub fn cells(&self) -> &[u32; CHUNK] {
+        &self.cells
+    }
+
+    /// No cell is as large.
+    #[inline(always)]
+    pub fn limit(&self) -> usize {
+        self.limit
+    }
+
+    /// Lets the samples that are missing fall nowhere.
+    #[inline(always)]
+    pub fn leave_out(&mut self, missing: &[bool], window: &Window) {
+        assert!(self.limit == window.cells());
+        for (cell, &missing) in self.cells.iter_mut().zip(missing) {
+            let mask = u32::from(missing).wrapping_neg();
+            *cell = (*cell & !mask) | (window.nowhere & mask);
         }
     }
 }
@@ -189,15 +224,51 @@ impl Row<'_> {
         window: &Window,
         chunk: &mut Chunk,
     ) {
-        assert!(disparity.len() <= CHUNK);
+        assert!(disparity.len() <= CHUNK && window.nowhere < window.stride as u32);
+        chunk.limit = window.cells();
+        let (groups, rest) = disparity.as_chunks::<GROUP>();
+        let mut doubtful = 0;
+        for (group, disparity) in groups.iter().enumerate() {
+            let first = group * GROUP;
+            let mut at = [0.0; GROUP];
+            for (i, at) in at.iter_mut().enumerate() {
+                *at = columns.column(first + i);
+            }
+            doubtful |= self.group::<PLACES>(&at, disparity, window, first, chunk);
+        }
+        if !rest.is_empty() {
+            let first = groups.len() * GROUP;
+            let (mut at, mut filled) = ([0.0; GROUP], [0.0; GROUP]);
+            for (i, &disparity) in rest.iter().enumerate() {
+                (at[i], filled[i]) = (columns.column(first + i), disparity);
+            }
+            doubtful |= self.group::<PLACES>(&at, &filled, window, first, chunk);
+        }
+        if doubtful != 0 {
+            self.decide::<C, PLACES>(columns, disparity, window, chunk);
+        }
+    }
+
+    /// Maps the samples of a group, the chunk's from `first` on; not 0 if float32 can't tell where one of them is.
+    #[inline(always)]
+    fn group<const PLACES: bool>(
+        &self,
+        columns: &[f32; GROUP],
+        disparity: &[f32; GROUP],
+        window: &Window,
+        first: usize,
+        chunk: &mut Chunk,
+    ) -> i32 {
         let ([x0, y0, w0], [x1, y1, w1], [x2, y2, w2]) = (self.start, self.step, self.offset);
         let [doubt0, doubt1, doubt2] = self.doubt;
         let (width, top, bottom) = (window.width as f32, window.top as f32, window.bottom as f32);
-        let (stride, nowhere) = (window.stride as i32, window.nowhere as i32);
-        let first = window.top as i32;
+        let (stride, nowhere, line0) = (window.stride as i32, window.nowhere as i32, window.top as i32);
+        let cells: &mut [u32; GROUP] = (&mut chunk.cells[first..first + GROUP]).try_into().expect("a group");
+        let nearness: &mut [f32; GROUP] =
+            (&mut chunk.nearness[first..first + GROUP]).try_into().expect("a group");
         let mut doubtful = 0;
-        for (i, &d) in disparity.iter().enumerate() {
-            let x = columns.column(i);
+        for i in 0..GROUP {
+            let (x, d) = (columns[i], disparity[i]);
             let w = (w0 + x * w1) + d * w2;
             let r = 1.0 / w;
             let u = ((x0 + x * x1) + d * x2) * r;
@@ -208,18 +279,20 @@ impl Row<'_> {
             // SAFETY: both lie within an image, whose sides are well below 2^31.
             let (column, line) =
                 unsafe { (column.to_int_unchecked::<i32>(), line.to_int_unchecked::<i32>()) };
-            chunk.cells[i] = if inside { (line - first) * stride + column } else { nowhere } as u32;
-            chunk.nearness[i] = d * r;
-            if PLACES {
-                chunk.u[i] = u;
-                chunk.v[i] = v;
-                chunk.growth[i] = r;
-            }
+            cells[i] = if inside { (line - line0) * stride + column } else { nowhere } as u32;
+            nearness[i] = d * r;
             doubtful |= i32::from(w.abs() <= (doubt0 + x * doubt1) + d * doubt2);
         }
-        if doubtful != 0 {
-            self.decide::<C, PLACES>(columns, disparity, window, chunk);
+        if PLACES {
+            for i in 0..GROUP {
+                let (x, d) = (columns[i], disparity[i]);
+                let r = 1.0 / ((w0 + x * w1) + d * w2);
+                chunk.u[first + i] = ((x0 + x * x1) + d * x2) * r;
+                chunk.v[first + i] = ((y0 + x * y1) + d * y2) * r;
+                chunk.growth[first + i] = r;
+            }
         }
+        doubtful
     }
 
     /// Samples whose side of the eye's plane float32 can't tell, again in float64.
@@ -289,7 +362,7 @@ mod tests {
         }
     }
 
-    const WINDOW: Window = Window { width: 64, top: 0, bottom: 48, stride: 64, nowhere: 64 * 48 };
+    const WINDOW: Window = Window { width: 64, top: 0, bottom: 48, stride: 65, nowhere: 64 };
 
     proptest! {
         #[test]

@@ -1,6 +1,6 @@
 //! The finished picture: colours, depths and what of them is known.
 
-use super::canvas::{Canvas, DRAWN, Word, nearer, nearness};
+use super::canvas::{Band, DRAWN, Word, nearer};
 use crate::error::Error;
 
 /// The image in [`Picture::source`] of pixels that nothing was drawn on.
@@ -55,50 +55,54 @@ impl<'a> Picture<'a> {
             .collect()
     }
 
-    /// Writes rows from `top` on, as many as this part has, of a canvas whose samples cover squares of `2 radius + 1`
-    /// pixels.
+    /// Writes rows from `top` on, as many as this part has, of a band whose samples cover squares of `2 radius + 1` pixels:
+    /// it must reach `radius` rows farther each way, or to the image's edge.
     ///
     /// A pixel that a sample's centre fell on shows it. Any other shows the nearest of the samples that the pixels of the
     /// square around it show; of equally near ones one of the least distant row, of these one of the least distant
-    /// column, and of these again the upper or the left one. A sample that another hides on its own pixel would cover nothing else:
-    /// the other one, which is nearer, covers the same square.
+    /// column, and of these again the upper or the left one. A sample that another hides on its own pixel would cover
+    /// nothing else: the other one, which is nearer, covers the same square.
     #[inline(always)]
-    pub fn resolve(&mut self, canvas: &Canvas, top: usize, radius: usize, background: Background<'_>) {
-        let width = canvas.width;
+    pub fn resolve(&mut self, band: &Band, top: usize, radius: usize, background: Background<'_>) {
+        let width = band.window.width;
         let rows = self.depth.len() / width;
-        // Rows of the nearest samples within reach to either side, the row y at y modulo their number.
+        // Rows of the nearest samples within reach to either side: row y at y modulo their number.
         let kept = 2 * radius + 1;
         let mut beside = vec![0; if radius > 0 { kept * width } else { 0 }];
         let mut shown = vec![0; width];
         let mut next = top.saturating_sub(radius);
         for line in 0..rows {
             let y = top + line;
-            let centres = canvas.row(y);
-            if radius > 0 {
-                while next < canvas.height && next <= y + radius {
-                    let slot = (next % kept) * width;
-                    reach(canvas.row(next), radius, &mut beside[slot..slot + width]);
-                    next += 1;
-                }
-                let slot = (y % kept) * width;
-                shown.copy_from_slice(&beside[slot..slot + width]);
-                for distance in 1..=radius {
-                    if y >= distance {
-                        let slot = ((y - distance) % kept) * width;
-                        deepen(&mut shown, &beside[slot..slot + width]);
-                    }
-                    if y + distance < canvas.height {
-                        let slot = ((y + distance) % kept) * width;
-                        deepen(&mut shown, &beside[slot..slot + width]);
-                    }
-                }
-                for i in 0..width {
-                    shown[i] = if centres[i] != 0 { centres[i] } else { shown[i] };
-                }
-                self.write(line * width, &shown, centres, background);
-            } else {
+            let centres = band.row(y);
+            if radius == 0 {
                 self.write(line * width, centres, centres, background);
+                continue;
             }
+            while next < band.window.bottom && next <= y + radius {
+                reach(band.row(next), radius, &mut beside[(next % kept) * width..][..width]);
+                next += 1;
+            }
+            let own = &beside[(y % kept) * width..][..width];
+            for distance in 1..=radius {
+                // Beyond the edge is nothing: the row itself, again.
+                let above = if y >= distance { y - distance } else { y };
+                let below = if y + distance < band.window.bottom { y + distance } else { y };
+                let above = &beside[(above % kept) * width..][..width];
+                let below = &beside[(below % kept) * width..][..width];
+                if distance == 1 {
+                    for (((shown, &own), &above), &below) in shown.iter_mut().zip(own).zip(above).zip(below) {
+                        *shown = nearer(nearer(own, above), below);
+                    }
+                } else {
+                    for ((shown, &above), &below) in shown.iter_mut().zip(above).zip(below) {
+                        *shown = nearer(nearer(*shown, above), below);
+                    }
+                }
+            }
+            for (shown, &centre) in shown.iter_mut().zip(centres) {
+                *shown = if centre == 0 { *shown } else { centre };
+            }
+            self.write(line * width, &shown, centres, background);
         }
     }
 
@@ -106,70 +110,107 @@ impl<'a> Picture<'a> {
     #[inline(always)]
     fn write(&mut self, at: usize, shown: &[Word], centres: &[Word], background: Background<'_>) {
         let width = shown.len();
-        let depth = &mut self.depth[at..at + width];
-        for i in 0..width {
-            depth[i] = 1.0 / nearness(shown[i]);
+        let (blocks, rest) = shown.as_chunks::<BLOCK>();
+        let (centre_blocks, centre_rest) = centres.as_chunks::<BLOCK>();
+        let (depths, depth_rest) = self.depth[at..at + width].as_chunks_mut::<BLOCK>();
+        let (holes, hole_rest) = self.hole[at..at + width].as_chunks_mut::<BLOCK>();
+        let (exacts, exact_rest) = self.exact[at..at + width].as_chunks_mut::<BLOCK>();
+        let (sources, source_rest) = self.source[at..at + width].as_chunks_mut::<BLOCK>();
+        let outs = depths.iter_mut().zip(holes).zip(exacts.iter_mut().zip(sources));
+        for ((words, centres), ((depth, hole), (exact, source))) in blocks.iter().zip(centre_blocks).zip(outs)
+        {
+            block(words, centres, depth, hole, exact, source);
         }
-        let hole = &mut self.hole[at..at + width];
-        for i in 0..width {
-            hole[i] = shown[i] == 0;
-        }
-        let exact = &mut self.exact[at..at + width];
-        for i in 0..width {
-            exact[i] = centres[i] != 0;
-        }
-        let source = &mut self.source[at..at + width];
-        for i in 0..width {
-            source[i] = if shown[i] == 0 { NO_SOURCE } else { (shown[i] >> 24) as u8 };
+        if !rest.is_empty() {
+            let (mut words, mut centres) = ([0; BLOCK], [0; BLOCK]);
+            words[..rest.len()].copy_from_slice(rest);
+            centres[..rest.len()].copy_from_slice(centre_rest);
+            let (mut depth, mut hole, mut exact, mut source) =
+                ([0.0; BLOCK], [false; BLOCK], [false; BLOCK], [0; BLOCK]);
+            block(&words, &centres, &mut depth, &mut hole, &mut exact, &mut source);
+            depth_rest.copy_from_slice(&depth[..rest.len()]);
+            hole_rest.copy_from_slice(&hole[..rest.len()]);
+            exact_rest.copy_from_slice(&exact[..rest.len()]);
+            source_rest.copy_from_slice(&source[..rest.len()]);
         }
         let color = &mut self.color[at..at + width];
         match background {
             Background::Black => {
-                for i in 0..width {
-                    let [r, g, b, ..] = shown[i].to_le_bytes();
-                    color[i] = [r, g, b];
+                for (color, &word) in color.iter_mut().zip(shown) {
+                    *color = rgb(word);
                 }
             }
             Background::Kept => {
-                for i in 0..width {
-                    if shown[i] != 0 {
-                        let [r, g, b, ..] = shown[i].to_le_bytes();
-                        color[i] = [r, g, b];
-                    }
+                for (color, &word) in color.iter_mut().zip(shown) {
+                    *color = if word == 0 { *color } else { rgb(word) };
                 }
             }
             Background::Picture(picture) => {
-                let behind = &picture[at..at + width];
-                for i in 0..width {
-                    let [r, g, b, ..] = shown[i].to_le_bytes();
-                    color[i] = if shown[i] == 0 { behind[i] } else { [r, g, b] };
+                for ((color, &word), &behind) in color.iter_mut().zip(shown).zip(&picture[at..at + width]) {
+                    *color = if word == 0 { behind } else { rgb(word) };
                 }
             }
         }
     }
+}
+
+/// Pixels that are written together.
+const BLOCK: usize = 32;
+
+/// Writes all but the colours of some pixels.
+#[inline(always)]
+fn block(
+    shown: &[Word; BLOCK],
+    centres: &[Word; BLOCK],
+    depth: &mut [f32; BLOCK],
+    hole: &mut [bool; BLOCK],
+    exact: &mut [bool; BLOCK],
+    source: &mut [u8; BLOCK],
+) {
+    let mut upper = [0; BLOCK];
+    for i in 0..BLOCK {
+        upper[i] = (shown[i] >> 32) as u32;
+    }
+    for i in 0..BLOCK {
+        depth[i] = 1.0 / f32::from_bits(upper[i] & !DRAWN);
+    }
+    for i in 0..BLOCK {
+        hole[i] = upper[i] == 0;
+    }
+    for i in 0..BLOCK {
+        exact[i] = centres[i] != 0;
+    }
+    for i in 0..BLOCK {
+        source[i] = (shown[i] as u32 >> 24) as u8 | (NO_SOURCE & u8::from(upper[i] == 0).wrapping_neg());
+    }
+}
+
+#[inline(always)]
+fn rgb(word: Word) -> [u8; 3] {
+    let [r, g, b, ..] = word.to_le_bytes();
+    [r, g, b]
 }
 
 /// The nearest of the samples of a row within `radius` pixels of each, itself included.
 #[inline(always)]
 fn reach(row: &[Word], radius: usize, nearest: &mut [Word]) {
     let width = row.len();
-    assert!(nearest.len() == width);
-    nearest.copy_from_slice(row);
-    for distance in 1..=radius.min(width - 1) {
-        let inner = width - distance;
-        deepen(&mut nearest[distance..], &row[..inner]);
-        deepen(&mut nearest[..inner], &row[distance..]);
+    if width == 1 {
+        nearest[0] = row[0];
+        return;
+    }
+    nearest[0] = nearer(row[0], row[1]);
+    nearest[width - 1] = nearer(row[width - 1], row[width - 2]);
+    let inner = nearest[1..width - 1].iter_mut();
+    for (((nearest, &own), &left), &right) in inner.zip(&row[1..]).zip(row).zip(&row[2..]) {
+        *nearest = nearer(nearer(own, left), right);
+    }
+    for distance in 2..=radius.min(width - 1) {
+        for (nearest, &left) in nearest[distance..].iter_mut().zip(row) {
+            *nearest = nearer(*nearest, left);
+        }
+        for (nearest, &right) in nearest.iter_mut().zip(&row[distance..]) {
+            *nearest = nearer(*nearest, right);
+        }
     }
 }
-
-/// Entry by entry the nearer; what is there if neither is.
-#[inline(always)]
-fn deepen(words: &mut [Word], others: &[Word]) {
-    let count = words.len();
-    assert!(others.len() == count);
-    for i in 0..count {
-        words[i] = nearer(words[i], others[i]);
-    }
-}
-
-const _: () = assert!(DRAWN == 1 << 31, "an undrawn word is zero and less than any other");
