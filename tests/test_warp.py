@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from peers import need
-from reference import forward_warp
 
 import cyclorama as cyc
 from cyclorama import _core
+from peers import need
+from reference import forward_warp
 
 SIZE = (48, 36)
 HERE = cyc.Camera.look_at((0, 0, 0), (0, 0, -4), width=SIZE[0], height=SIZE[1], fov_y=60)

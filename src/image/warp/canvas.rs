@@ -85,7 +85,7 @@ impl Band {
     /// Nothing drawn, from row `top` to before `bottom`.
     pub fn new(width: usize, top: usize, bottom: usize) -> Self {
         let stride = width + 1;
-        let mut words = SPARE.lock().ok().and_then(|mut spare| spare.pop()).unwrap_or_default();
+        let mut words = spare();
         words.clear();
         words.resize(stride * (bottom - top), 0);
         Self { window: Window { width, top, bottom, stride, nowhere: width as u32 }, words }
@@ -138,18 +138,102 @@ impl Band {
 
 impl Drop for Band {
     fn drop(&mut self) {
-        if self.words.capacity() <= MOST_WORDS
-            && let Ok(mut spare) = SPARE.lock()
-            && spare.len() < MOST_SPARE
-        {
-            spare.push(std::mem::take(&mut self.words));
-        }
+        give_back(&mut self.words);
     }
 }
 
-/// Memory of bands that are not in use, so that the next warp need not ask for it and touch it first.
+/// A whole target, whose rows may be drawn by several threads.
+#[derive(Debug)]
+pub struct Canvas {
+    pub width: usize,
+    pub height: usize,
+    words: Vec<Word>,
+}
+
+impl Canvas {
+    /// Holds anything at first: whoever takes rows clears them.
+    pub fn new(width: usize, height: usize) -> Self {
+        let mut words = spare();
+        words.resize((width + 1) * height, 0);
+        Self { width, height, words }
+    }
+
+    /// The words of bands of so many rows each, the last with what is left; a row has one entry more than pixels.
+    pub fn bands(&mut self, rows: usize) -> std::slice::ChunksMut<'_, Word> {
+        self.words.chunks_mut((self.width + 1) * rows)
+    }
+
+    /// The pixels of a row.
+    #[inline(always)]
+    pub fn row(&self, y: usize) -> &[Word] {
+        &self.words[y * (self.width + 1)..][..self.width]
+    }
+}
+
+impl Drop for Canvas {
+    fn drop(&mut self) {
+        give_back(&mut self.words);
+    }
+}
+
+/// Rows of the target that can be looked at.
+pub trait Drawn {
+    fn width(&self) -> usize;
+    /// The row after the last.
+    fn bottom(&self) -> usize;
+    fn row(&self, y: usize) -> &[Word];
+}
+
+impl Drawn for Band {
+    #[inline(always)]
+    fn width(&self) -> usize {
+        self.window.width
+    }
+
+    #[inline(always)]
+    fn bottom(&self) -> usize {
+        self.window.bottom
+    }
+
+    #[inline(always)]
+    fn row(&self, y: usize) -> &[Word] {
+        Self::row(self, y)
+    }
+}
+
+impl Drawn for Canvas {
+    #[inline(always)]
+    fn width(&self) -> usize {
+        self.width
+    }
+
+    #[inline(always)]
+    fn bottom(&self) -> usize {
+        self.height
+    }
+
+    #[inline(always)]
+    fn row(&self, y: usize) -> &[Word] {
+        Self::row(self, y)
+    }
+}
+
+/// Memory that is not in use, so that the next warp need not ask for it and touch it first.
 static SPARE: Mutex<Vec<Vec<Word>>> = Mutex::new(Vec::new());
 
-/// Bands that are kept, and words of the largest of them: 64 MB in all.
-const MOST_SPARE: usize = 16;
-const MOST_WORDS: usize = 1 << 19;
+/// Pieces that are kept, and words of the largest of them: 256 MB at the very most.
+const MOST_SPARE: usize = 8;
+const MOST_WORDS: usize = 1 << 22;
+
+fn spare() -> Vec<Word> {
+    SPARE.lock().ok().and_then(|mut spare| spare.pop()).unwrap_or_default()
+}
+
+fn give_back(words: &mut Vec<Word>) {
+    if words.capacity() <= MOST_WORDS
+        && let Ok(mut spare) = SPARE.lock()
+        && spare.len() < MOST_SPARE
+    {
+        spare.push(std::mem::take(words));
+    }
+}

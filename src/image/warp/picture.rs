@@ -1,6 +1,6 @@
 //! The finished picture: colours, depths and what of them is known.
 
-use super::canvas::{Band, DRAWN, Word, nearer};
+use super::canvas::{DRAWN, Drawn, Word, nearer};
 use crate::error::Error;
 
 /// The image in [`Picture::source`] of pixels that nothing was drawn on.
@@ -63,8 +63,8 @@ impl<'a> Picture<'a> {
     /// column, and of these again the upper or the left one. A sample that another hides on its own pixel would cover
     /// nothing else: the other one, which is nearer, covers the same square.
     #[inline(always)]
-    pub fn resolve(&mut self, band: &Band, top: usize, radius: usize, background: Background<'_>) {
-        let width = band.window.width;
+    pub fn resolve<D: Drawn>(&mut self, band: &D, top: usize, radius: usize, background: Background<'_>) {
+        let width = band.width();
         let rows = self.depth.len() / width;
         // Rows of the nearest samples within reach to either side: row y at y modulo their number.
         let kept = 2 * radius + 1;
@@ -78,7 +78,7 @@ impl<'a> Picture<'a> {
                 self.write(line * width, centres, centres, background);
                 continue;
             }
-            while next < band.window.bottom && next <= y + radius {
+            while next < band.bottom() && next <= y + radius {
                 reach(band.row(next), radius, &mut beside[(next % kept) * width..][..width]);
                 next += 1;
             }
@@ -86,7 +86,7 @@ impl<'a> Picture<'a> {
             for distance in 1..=radius {
                 // Beyond the edge is nothing: the row itself, again.
                 let above = if y >= distance { y - distance } else { y };
-                let below = if y + distance < band.window.bottom { y + distance } else { y };
+                let below = if y + distance < band.bottom() { y + distance } else { y };
                 let above = &beside[(above % kept) * width..][..width];
                 let below = &beside[(below % kept) * width..][..width];
                 if distance == 1 {
