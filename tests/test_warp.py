@@ -95,7 +95,7 @@ def test_larger_splats_fill_only_pixels_that_no_centre_falls_on(offset, turn, sp
 
 
 @pytest.mark.parametrize("order", ["occlusion", "zbuffer"])
-@pytest.mark.parametrize("splat", [1, 3, 7])
+@pytest.mark.parametrize("splat", [1, 3, 7, "projected", "disparity"])
 def test_the_identity_is_the_identity(order, splat):
     image = spheres(HERE)
     ours = cyc.warp.forward(image, HERE, splat=splat, order=order)
@@ -104,7 +104,7 @@ def test_the_identity_is_the_identity(order, splat):
     assert ours.exact.all() and not ours.hole.any() and not ours.source.any()
 
 
-@given(moves, turns, st.sampled_from([1, 3, 5]), st.sampled_from(["occlusion", "zbuffer"]))
+@given(moves, turns, st.sampled_from([1, 3, 5, "projected", "disparity"]), st.sampled_from(["occlusion", "zbuffer"]))
 def test_threads_and_instruction_sets_change_nothing(offset, turn, splat, order):
     images, camera = [spheres(HERE), spheres(moved((0.3, 0.1, -0.2)), 1)], moved(offset, turn, width=67, height=41)
     used, pictures = _core.instruction_set(), []

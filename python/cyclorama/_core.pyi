@@ -188,7 +188,7 @@ def warp_forward(
         npt.NDArray[np.bool_],
         npt.NDArray[np.uint8],
     ],
-    size: int,
+    splat: str,
     order: str,
     background: npt.NDArray[np.uint8] | None = None,
     keep: bool = False,

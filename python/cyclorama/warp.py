@@ -31,6 +31,11 @@ Splat = int | Literal["projected", "disparity", "mesh"]
 # Wider splats than this blur everything and take long.
 _WIDEST_SPLAT = 63
 _MOST_IMAGES = 255
+_SHAPES = ("projected", "disparity", "mesh")
+_TYPES = {
+    name: np.dtype(kind)
+    for name, kind in {"color": "u1", "depth": "f4", "hole": "?", "exact": "?", "source": "u1"}.items()
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,11 +118,17 @@ def forward(
     camera : Camera
         A pinhole camera, W x H pixels: anywhere, looking anywhere. Samples at or behind the plane of its eye are
         dropped, and those before its near plane.
-    splat : int
-        What a sample covers: a square of so many pixels a side, odd, 1 to 63, around the pixel that its centre falls
-        on. The centre counts more: a pixel that centres fall on shows one of them. Any other shows the nearest of the
-        samples shown in the square around it; of equally near ones one of the least distant row, of these of the least
-        distant column, of these the upper or left one.
+    splat : int or {"projected", "disparity", "mesh"}
+        What a sample covers. A number: a square of so many pixels a side, odd, 1 to 63, around the pixel that its
+        centre falls on. The centre counts more: a pixel that centres fall on shows one of them. Any other shows the
+        nearest of the samples shown in the square around it; of equally near ones one of the least distant row, of
+        these of the least distant column, of these the upper or left one.
+        "projected": a rectangle as large as the sample appears, from where it and its neighbours fall (section 4.2.2),
+        around where it falls; neighbours on other surfaces are not asked.
+        "disparity": a rectangle of new over old disparity pixels a side, times new over old focal length; opaque at the
+        exact hit and fading to the edge (LDI culling, section 3.3): the colours of a surface's splats are averaged.
+        Rectangles are at most 64 pixels a side. Here, too, a pixel that centres fall on shows one of them, except where
+        something more than 5 % nearer covers it: else what is behind a surface showed through its cracks.
         "mesh": not a splat, but two triangles between every four neighbouring samples of one surface (section 4.2.2's
         bilinearly interpolated surfaces), coloured by interpolation and cut where the four are not one surface: see
         `DepthImage.cut`. Turned-over triangles are not drawn. At a cut each sample keeps its own pixel, and behind all
@@ -165,21 +176,18 @@ def forward(
     _check_camera(camera)
     if order not in ("occlusion", "zbuffer"):
         raise ValueError(f"order must be 'occlusion' or 'zbuffer', got {order!r}")
-    size = 0 if splat == "mesh" else _splat_size(splat)
+    name = _splat_name(splat)
     if out is None:
         out = _fresh(camera)
-    elif not isinstance(out, Warped):
-        raise ValueError(f"out must be a Warped, got {type(out).__name__}")
-    elif out.hole.shape != (camera.height, camera.width):
-        raise ValueError(f"out has shape {out.hole.shape}, the camera {(camera.height, camera.width)}")
-    elif out.camera is not camera:
+    else:
+        _check_out(out, camera)
         out = Warped(out.color, out.depth, out.hole, out.exact, out.source, camera)
     behind = _colors_behind(background, out)
     cameras = stack([*(image.camera for image in pictures), camera])
     arrays: list[_Arrays] = [(image.color, image.disparity, image.missing) for image in pictures]
     results = out.color, out.depth, out.hole, out.exact, out.source
     kept = behind is out.color
-    if splat == "mesh":
+    if name == "mesh":
         joins = [image.joins for image in pictures]
         _core.depth_mesh_warp(cameras, arrays, joins, results, None if kept else behind, kept, threads)
         return out
@@ -187,7 +195,7 @@ def forward(
         cameras,
         arrays,
         results,
-        size,
+        name,
         order,
         None if kept else behind,
         kept,
@@ -248,10 +256,31 @@ def _check_camera(camera: Camera, name: str = "camera") -> None:
         raise ValueError(f"{name} is orthographic: a warp needs an eye at both ends")
 
 
-def _splat_size(splat: Splat) -> int:
+def _splat_name(splat: Splat) -> str:
+    if isinstance(splat, str):
+        if splat in _SHAPES:
+            return splat
+        raise ValueError(f"splat must be an odd number of pixels or one of {_SHAPES}, got {splat!r}")
+    return str(_splat_size(splat))
+
+
+def _splat_size(splat: int) -> int:
     if isinstance(splat, (int, np.integer)) and 1 <= splat <= _WIDEST_SPLAT and splat % 2:
         return int(splat)
     raise ValueError(f"splat must be an odd number of pixels from 1 to {_WIDEST_SPLAT}, got {splat!r}")
+
+
+def _check_out(out: Warped, camera: Camera) -> None:
+    if not isinstance(out, Warped):
+        raise ValueError(f"out must be a Warped, got {type(out).__name__}")
+    shape = (camera.height, camera.width)
+    for name, dtype in _TYPES.items():
+        array = getattr(out, name)
+        expected = (*shape, 3) if name == "color" else shape
+        if array.shape != expected or array.dtype != dtype:
+            raise ValueError(f"out.{name} must be {expected} {dtype}, got {array.shape} {array.dtype}")
+        if not array.flags.c_contiguous or not array.flags.writeable:
+            raise ValueError(f"out.{name} must be writeable and row-major")
 
 
 def _fresh(camera: Camera) -> Warped:

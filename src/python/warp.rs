@@ -11,6 +11,7 @@ use crate::image::warp::forward;
 use crate::image::warp::image::{DepthImage, Pixels};
 use crate::image::warp::mapping::Mapping;
 use crate::image::warp::picture::{Background, Picture};
+use crate::image::warp::splats::{self, Size};
 use numpy::{
     PyReadonlyArray2, PyReadonlyArray3, PyReadwriteArray2, PyReadwriteArray3, PyUntypedArrayMethods,
 };
@@ -77,14 +78,14 @@ pub fn picture<'a>(out: &'a mut PictureArrays<'_>) -> PyResult<Picture<'a>> {
 ///
 /// `keep` leaves the colours of holes as they are in `out`.
 #[pyfunction]
-#[pyo3(signature = (cameras, images, out, size, order, background=None, keep=false, threads=None))]
+#[pyo3(signature = (cameras, images, out, splat, order, background=None, keep=false, threads=None))]
 #[expect(clippy::too_many_arguments, reason = "one keyword each in Python")]
 fn warp_forward(
     py: Python<'_>,
     cameras: CameraArrays<'_>,
     images: Vec<ImageArrays<'_>>,
     mut out: PictureArrays<'_>,
-    size: usize,
+    splat: &str,
     order: &str,
     background: Option<PyReadonlyArray3<'_, u8>>,
     keep: bool,
@@ -100,8 +101,18 @@ fn warp_forward(
         cameras.into_iter().zip(&images).map(|(c, arrays)| image(c, arrays)).collect::<PyResult<Vec<_>>>()?;
     let background = behind(background.as_ref(), keep)?;
     let picture = picture(&mut out)?;
-    interrupt::brief(py, threads, move |control: &Control| {
-        forward::forward(&images, &target, order, size / 2, background, picture, control)
+    let size = match splat {
+        "projected" => Some(Size::Projected),
+        "disparity" => Some(Size::Disparity),
+        _ => None,
+    };
+    let radius = match (size, splat.parse::<usize>()) {
+        (None, Err(_)) => return Err(PyValueError::new_err(format!("no splat is called {splat:?}"))),
+        (_, side) => side.unwrap_or(0) / 2,
+    };
+    interrupt::brief(py, threads, move |control: &Control| match size {
+        Some(size) => splats::forward(&images, &target, order, size, background, picture, control),
+        None => forward::forward(&images, &target, order, radius, background, picture, control),
     })
 }
 

@@ -123,6 +123,18 @@ impl Band {
         }
     }
 
+    /// Draws one sample.
+    #[inline(always)]
+    pub fn place(&mut self, cell: usize, word: Word, order: Order) {
+        let at = &mut self.words[cell];
+        *at = if order == Order::Depth && *at >> 32 > word >> 32 { *at } else { word };
+    }
+
+    #[inline(always)]
+    pub fn word(&self, cell: usize) -> Word {
+        self.words[cell]
+    }
+
     /// # Safety
     /// `sample` is below CHUNK, and its cell has a word.
     #[inline(always)]

@@ -35,13 +35,14 @@ pub trait Samples: Sync {
 }
 
 /// An image on its way.
-struct Warp<'a, S> {
-    samples: &'a S,
-    mapping: Mapping,
-    sheets: Vec<Sheet>,
+pub(super) struct Warp<'a, S> {
+    pub samples: &'a S,
+    pub mapping: Mapping,
+    pub sheets: Vec<Sheet>,
     /// First and last row of the target that each row may fall on, as real numbers.
-    lines: Vec<[f32; 2]>,
-    tag: u32,
+    pub lines: Vec<[f32; 2]>,
+    /// Bits of a word that say which image it is.
+    pub tag: u32,
 }
 
 /// Warps images, one over the other in turn, into a picture of the `target` camera; a sample covers `2 radius + 1` pixels
@@ -59,16 +60,29 @@ pub fn forward<S: Samples>(
     picture: Picture<'_>,
     control: &Control,
 ) -> Result<(), Error> {
+    let set = InstructionSet::best();
+    let warps = prepare(images, target, order, background, &picture)?;
+    in_bands(target, background, picture, &|top, picture, background| {
+        set.run(Draw { warps: &warps, target, top, order, radius, background, picture, control })
+    })
+}
+
+/// What is computed once for all bands; refuses what can't be warped.
+pub(super) fn prepare<'a, S: Samples>(
+    images: &'a [S],
+    target: &Camera,
+    order: Order,
+    background: Background<'_>,
+    picture: &Picture<'_>,
+) -> Result<Vec<Warp<'a, S>>, Error> {
     target.check()?;
     let (width, height) = (target.width, target.height);
     picture.check(width * height)?;
     if let Background::Picture(behind) = background
         && behind.len() != width * height
     {
-        return Err(Error::Invalid(format!(
-            "background has {} pixels, the camera {width} x {height}",
-            behind.len()
-        )));
+        let pixels = behind.len();
+        return Err(Error::Invalid(format!("background has {pixels} pixels, the camera {width} x {height}")));
     }
     if images.len() > MOST_IMAGES {
         return Err(Error::Invalid(format!(
@@ -76,37 +90,46 @@ pub fn forward<S: Samples>(
             images.len()
         )));
     }
-    let set = InstructionSet::best();
-    let warps = images
-        .iter()
-        .enumerate()
-        .map(|(i, samples)| {
-            let camera = samples.camera();
-            let mapping = Mapping::new(camera, target)?;
-            let sheets = match order {
-                Order::Occlusion => sheets(&mapping, camera.width, camera.height),
-                Order::Depth => vec![Sheet::whole(camera.width, camera.height)],
-            };
-            let lines = set.run(Reach { samples, mapping: &mapping });
-            Ok(Warp { samples, mapping, sheets, lines, tag: (i as u32) << 24 })
-        })
-        .collect::<Result<Vec<_>, Error>>()?;
+    let prepared = images.iter().enumerate().map(|(i, samples)| {
+        let camera = samples.camera();
+        let mapping = Mapping::new(camera, target)?;
+        let sheets = match order {
+            Order::Occlusion => sheets(&mapping, camera.width, camera.height),
+            Order::Depth => vec![Sheet::whole(camera.width, camera.height)],
+        };
+        let lines = InstructionSet::best().run(Reach { samples, mapping: &mapping });
+        Ok(Warp { samples, mapping, sheets, lines, tag: (i as u32) << 24 })
+    });
+    prepared.collect()
+}
+
+/// A band's first row, its part of the picture and what is behind it.
+type DrawBand<'a> = &'a (dyn Fn(usize, Picture<'_>, Background<'_>) -> Result<(), Error> + Sync);
+
+/// Draws a picture band by band.
+pub(super) fn in_bands(
+    target: &Camera,
+    background: Background<'_>,
+    picture: Picture<'_>,
+    draw: DrawBand<'_>,
+) -> Result<(), Error> {
+    let (width, height) = (target.width, target.height);
     let threads = rayon::current_num_threads();
     let most = if threads > 1 { height.div_ceil(threads * BANDS_A_THREAD) } else { height };
     let rows = (BAND_PIXELS / width).clamp(1, most);
-    let draw = |band: usize, picture: Picture<'_>| {
+    let draw = |(band, part): (usize, Picture<'_>)| {
         let top = band * rows;
         let background = match background {
             Background::Picture(behind) => Background::Picture(&behind[top * width..]),
             other => other,
         };
-        set.run(Draw { warps: &warps, target, top, order, radius, background, picture, control })
+        draw(top, part, background)
     };
     let parts = picture.parts(rows * width);
     if threads == 1 {
-        parts.into_iter().enumerate().try_for_each(|(band, part)| draw(band, part))
+        parts.into_iter().enumerate().try_for_each(draw)
     } else {
-        parts.into_par_iter().enumerate().try_for_each(|(band, part)| draw(band, part))
+        parts.into_par_iter().enumerate().try_for_each(draw)
     }
 }
 

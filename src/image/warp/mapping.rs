@@ -167,7 +167,7 @@ pub struct Chunk {
     cells: [u32; CHUNK],
     /// Disparity in the target.
     pub nearness: [f32; CHUNK],
-    /// Pixel coordinates; anything where a sample falls nowhere.
+    /// Pixel coordinates, inside the window or not; NaN of samples that are not before the eye.
     pub u: [f32; CHUNK],
     pub v: [f32; CHUNK],
     /// Source depth over target depth.
@@ -286,7 +286,9 @@ impl Row<'_> {
         if PLACES {
             for i in 0..GROUP {
                 let (x, d) = (columns[i], disparity[i]);
-                let r = 1.0 / ((w0 + x * w1) + d * w2);
+                let w = (w0 + x * w1) + d * w2;
+                // NaN where the sample isn't seen, as of a disparity that is none.
+                let r = if (w > 0.0) & (w >= self.near * d) { 1.0 / w } else { f32::NAN };
                 chunk.u[first + i] = ((x0 + x * x1) + d * x2) * r;
                 chunk.v[first + i] = ((y0 + x * y1) + d * y2) * r;
                 chunk.growth[first + i] = r;

@@ -2,7 +2,7 @@
 //!
 //! [`mapping`] says where samples fall, [`sheets`] in which order they may be drawn, [`canvas`] keeps the winner of each
 //! pixel. [`forward`] puts them together for anything that has rows of samples, an
-//! image with depth or a layered one.
+//! image with depth or a layered one; [`splats`] does for samples that cover as much as they appear to.
 
 pub mod canvas;
 pub mod forward;
@@ -10,3 +10,4 @@ pub mod image;
 pub mod mapping;
 pub mod picture;
 pub mod sheets;
+pub mod splats;

@@ -106,9 +106,9 @@ impl<'a> Picture<'a> {
         }
     }
 
-    /// Writes a row, from pixel `at` of this part on.
+    /// Writes a row, from pixel `at` of this part on; `centres` is 0 where no sample's centre is shown.
     #[inline(always)]
-    fn write(&mut self, at: usize, shown: &[Word], centres: &[Word], background: Background<'_>) {
+    pub fn write(&mut self, at: usize, shown: &[Word], centres: &[Word], background: Background<'_>) {
         let width = shown.len();
         let (blocks, rest) = shown.as_chunks::<BLOCK>();
         let (centre_blocks, centre_rest) = centres.as_chunks::<BLOCK>();
