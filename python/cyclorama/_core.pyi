@@ -41,6 +41,9 @@ class Mesh:
         supersampling: int = 3,
         points: int = 16,
     ) -> None: ...
+    def hits(
+        self, camera: tuple[object, ...], most: int, near: float, threads: int | None = None
+    ) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.uint32], npt.NDArray[np.float32]]: ...
     def shade(
         self,
         camera: tuple[object, ...],

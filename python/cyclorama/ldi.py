@@ -7,10 +7,10 @@ image, and each surface is stored once, not once for each image that it was seen
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -19,7 +19,11 @@ from . import _core
 from .camera import Camera, stack
 from .depth_image import DepthImage
 from .placing import camera_through, construction_cameras, quadrilateral
+from .render import BACKGROUND
 from .warp import Order, Warped, _check_camera, _colors_behind, _fresh, _splat_size
+
+if TYPE_CHECKING:
+    from .scene import Scene
 
 __all__ = [
     "LayeredDepthImage",
@@ -30,6 +34,7 @@ __all__ = [
     "quadrilateral",
 ]
 
+Floats = npt.NDArray[np.float64]
 Cull = Literal["exact"] | Literal[False]
 
 
@@ -206,6 +211,79 @@ class LayeredDepthImage:
             threads,
         )
         return cls._of(kernel, central.camera)
+
+    @classmethod
+    def cast(
+        cls,
+        scene: Scene,
+        camera: Camera,
+        layers: int | None = None,
+        *,
+        tolerance: float = 0.0,
+        color: Callable[[npt.NDArray[np.uint32], Floats], npt.ArrayLike] | None = None,
+        threads: int | None = None,
+    ) -> LayeredDepthImage:
+        """Sample all surfaces that the ray through each pixel meets (section 4.3.1, figure 4-4 (a)).
+
+        Parameters
+        ----------
+        scene : Scene
+            Its transparent faces are left out.
+        camera : Camera
+            A pinhole camera.
+        layers : int, optional
+            At most so many samples a pixel, the nearest ones. All by default.
+        tolerance : float
+            A hit that lies behind another by at most so many times the width that a pixel covers there is left out.
+        color : callable, optional
+            Takes the faces (N,) and the world positions (N, 3) of N hits, and gives their colours (N, 3) uint8. By
+            default they are shaded as `Scene.render` shades them.
+        threads : int, optional
+            All cores by default.
+
+        Raises
+        ------
+        ValueError
+            If an argument is none of the above.
+
+        Notes
+        -----
+        This sees every surface that a ray crosses, but those along the rays not at all, and it stores many that no
+        eye near the camera will ever see: `build` is usually smaller and better.
+
+        Examples
+        --------
+        >>> import cyclorama as cyc
+        >>> sheets = cyc.scenes.layers(20, layers=5)
+        >>> camera = cyc.Camera.look_at((0, 0, 9), (0, 0, 0), width=16, height=12)
+        >>> LayeredDepthImage.cast(sheets, camera, 2).counts.max()
+        np.int64(2)
+        """
+        _check_camera(camera)
+        if layers is not None and not (isinstance(layers, (int, np.integer)) and layers >= 1):
+            raise ValueError(f"layers must be an integer of at least 1, got {layers!r}")
+        if not (np.isfinite(tolerance) and tolerance >= 0):
+            raise ValueError(f"tolerance must be finite and at least 0, got {tolerance}")
+        near = float(tolerance / min(camera.K[0, 0], camera.K[1, 1]))
+        most = 2**32 - 1 if layers is None else int(layers)
+        offsets, faces, depths = scene._mesh.hits(stack(camera), most, near, threads)
+        shape = (camera.height, camera.width)
+        counts = offsets[1:].astype(np.int64) - offsets[:-1]
+        pixel = np.repeat(np.arange(len(counts)), counts)
+        if color is not None:
+            places = np.stack([pixel % shape[1], pixel // shape[1]], axis=1) + 0.5
+            colors = np.asarray(color(faces, camera.unproject(places, depths)))
+        else:
+            colors = np.empty((len(faces), 3), np.uint8)
+            picture, ids = np.empty((*shape, 3), np.uint8), np.empty(shape, np.uint32)
+            layer = np.arange(len(faces)) - offsets[:-1].astype(np.int64)[pixel]
+            for index in range(int(counts.max(initial=0))):
+                own = layer == index
+                ids[...] = BACKGROUND
+                ids.reshape(-1)[pixel[own]] = faces[own]
+                scene._mesh.shade(stack(camera), ids, picture, scene.colors)
+                colors[own] = picture.reshape(-1, 3)[pixel[own]]
+        return cls(camera, offsets, colors, (1.0 / depths.astype(np.float64)).astype(np.float32))
 
     @property
     def samples(self) -> int:

@@ -6,6 +6,7 @@ use crate::camera::{Camera, Projection};
 use crate::mesh::Mesh;
 use crate::render::frame;
 use crate::render::lanes::InstructionSet;
+use crate::render::multihit;
 use crate::render::scene::{Engine, Scene};
 use crate::render::shade::{Colors, shade};
 use crate::render::view::View;
@@ -30,6 +31,9 @@ pub type CameraArrays<'py> = (
     PyReadonlyArray1<'py, f64>,
     PyReadonlyArray1<'py, bool>,
 );
+
+/// Hits as arrays: offsets, faces, depths.
+type HitArrays<'py> = (Bound<'py, PyArray1<u32>>, Bound<'py, PyArray1<u32>>, Bound<'py, PyArray1<f32>>);
 
 pub fn cameras(arrays: &CameraArrays<'_>) -> PyResult<Vec<Camera>> {
     let k = rows_of::<9, _, _>("K", &arrays.0)?;
@@ -121,6 +125,28 @@ impl PyMesh {
             }
             Ok(())
         })
+    }
+
+    /// The first `most` hits of each pixel's ray: offsets, faces, depths; those within a share `near` of the depth of the
+    /// one before left out.
+    #[pyo3(signature = (camera, most, near, threads=None))]
+    fn hits<'py>(
+        &self,
+        py: Python<'py>,
+        camera: CameraArrays<'_>,
+        most: usize,
+        near: f64,
+        threads: Option<i64>,
+    ) -> PyResult<HitArrays<'py>> {
+        let camera = cameras(&camera)?.pop().ok_or_else(|| PyValueError::new_err("no camera"))?;
+        let hits = interrupt::run(py, threads, None, |control| {
+            multihit::cast(&self.0, &camera, most, near, control)
+        })?;
+        Ok((
+            PyArray1::from_vec(py, hits.offsets),
+            PyArray1::from_vec(py, hits.faces),
+            PyArray1::from_vec(py, hits.depths),
+        ))
     }
 
     /// Colours an id-buffer into `picture` (H, W, 3).

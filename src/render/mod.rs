@@ -14,6 +14,7 @@ pub mod cost;
 pub mod fixtures;
 pub mod frame;
 pub mod lanes;
+pub mod multihit;
 pub mod neighbours;
 pub mod pyramid;
 pub mod raster;

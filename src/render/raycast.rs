@@ -121,6 +121,24 @@ impl<F: Fn(u32) -> bool> Cast<'_, '_, F> {
 }
 
 impl Hierarchy {
+    /// Adds to `faces` those that the rays of a beam may meet, however far away, in no order.
+    #[inline(always)]
+    pub fn met<const PERSPECTIVE: bool>(&self, beam: &Beam<'_>, stack: &mut Vec<u32>, faces: &mut Vec<u32>) {
+        let nodes = &self.bvh.nodes;
+        stack.push(0);
+        while let Some(index) = stack.pop() {
+            let node = &nodes[index as usize];
+            if beam.meet::<PERSPECTIVE>(node.aabb()).is_none() {
+                continue;
+            }
+            if node.is_leaf() {
+                faces.extend_from_slice(self.faces(node));
+            } else {
+                stack.extend([node.first_index, node.first_index + 1]);
+            }
+        }
+    }
+
     /// Tests the faces that a beam may meet, near ones first but in no strict order.
     #[inline(always)]
     fn through<L: Lanes, const PERSPECTIVE: bool>(

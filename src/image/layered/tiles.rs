@@ -25,6 +25,9 @@ pub const SIDE: usize = 16;
 /// Samples that are drawn, or set aside, together at most.
 pub const CHUNK: usize = 64;
 
+/// Entries behind the last sample, so that blocks of so many can be read from any sample on.
+pub const PADDING: usize = 16;
+
 /// Consecutive samples with this ratio of disparities are not of one chunk, if it has some already.
 const GAP: f32 = 1.05;
 const FEW: usize = 16;
@@ -101,6 +104,11 @@ impl Tiles {
                 tiles.y.push(y);
             }
             tiles.divide(tiles.disparities.len() - own.len());
+        }
+        for _ in 0..PADDING {
+            tiles.x.push(0);
+            tiles.y.push(0);
+            tiles.disparities.push(0.0);
         }
         tiles
     }

@@ -16,7 +16,7 @@
 
 use super::Layered;
 use super::place::STEPS;
-use super::tiles::{CHUNK, Chunk, SIDE, Tiles, order};
+use super::tiles::{CHUNK, Chunk, PADDING, SIDE, Tiles, order};
 use crate::camera::Camera;
 use crate::control::Control;
 use crate::error::Error;
@@ -294,36 +294,52 @@ impl Plan<'_> {
             high: [u8::MAX; 2],
         };
         let mut left = chunks.end;
+        // Samples drawn since it was last asked whether the rest is hidden, and at all.
+        let (mut since, mut drawn) = (PATIENCE, 0);
         while left > chunks.start {
             let chunk = &self.tiles.chunks[left - 1];
-            rest.end = chunk.end;
-            let fate = match map.place(self.tiles, &rest, window) {
-                Place::Outside => OUTSIDE,
-                Place::Within(reach) if window.hides(&reach, self.size) => HIDDEN,
-                _ => DRAWN,
-            };
-            if fate != DRAWN {
-                for fates in &self.fates[chunks.start..left] {
-                    fates.fetch_max(fate, Ordering::Relaxed);
+            if since >= PATIENCE {
+                since = 0;
+                rest.end = chunk.end;
+                if let Some(fate) = self.left_out(map, &rest, window) {
+                    for fates in &self.fates[chunks.start..left] {
+                        fates.fetch_max(fate, Ordering::Relaxed);
+                    }
+                    return;
                 }
-                return;
             }
             left -= 1;
-            let fate = match map.place(self.tiles, chunk, window) {
-                Place::Outside => OUTSIDE,
-                Place::Within(reach) if window.hides(&reach, self.size) => HIDDEN,
-                _ => DRAWN,
-            };
-            self.fates[left].fetch_max(fate, Ordering::Relaxed);
-            if fate == DRAWN {
+            let fate = if drawn < SURFACE { None } else { self.left_out(map, chunk, window) };
+            self.fates[left].fetch_max(fate.unwrap_or(DRAWN), Ordering::Relaxed);
+            if fate.is_none() {
                 window.put::<true>(map, self.tiles, chunk.samples(), fallen, false);
+                since += chunk.samples().len();
+                drawn += chunk.samples().len();
             }
+        }
+    }
+
+    /// Why samples need not be drawn, if they need not.
+    #[inline(always)]
+    fn left_out(&self, map: &TileMap<'_>, chunk: &Chunk, window: &View<'_>) -> Option<u8> {
+        match map.place(self.tiles, chunk, window) {
+            Place::Outside => Some(OUTSIDE),
+            Place::Within(reach) if window.hides(&reach, self.size) => Some(HIDDEN),
+            _ => None,
         }
     }
 }
 
+/// Samples of a tile that are drawn until it is asked again whether the rest of it is hidden, and those that are drawn
+/// before it is asked of single chunks. Measured: the tests take as long as they save.
+const PATIENCE: usize = 128;
+const SURFACE: usize = SIDE * SIDE;
+
 /// Samples that are mapped together.
 const BATCH: usize = 4 * CHUNK;
+
+/// Samples whose arithmetic is done side by side.
+const BLOCK: usize = PADDING;
 
 /// Where a batch of samples falls.
 #[repr(align(64))]
@@ -349,7 +365,9 @@ struct TileMap<'a> {
     down: [f32; 3],
     offset: [f32; 3],
     near: f32,
-    /// Terms of the last coordinate whose rounding may turn its sign.
+    /// The greatest sums of the terms of each coordinate at infinity.
+    terms: [f32; 3],
+    /// Rounding of the last of them, which may turn its sign.
     doubt: f32,
 }
 
@@ -380,15 +398,17 @@ impl<'a> TileMap<'a> {
         let single = |v: DVec3| [v.x as f32, v.y as f32, v.z as f32];
         let base = mapping.matrix * dvec3(corner[0], corner[1], 1.0);
         let (right, down) = (mapping.matrix.x_axis, mapping.matrix.y_axis);
+        let terms = base.abs() + SIDE as f64 * (right.abs() + down.abs());
         Self {
             mapping,
             corner,
+            terms: single(terms),
             base: single(base),
             right: single(right / STEPS),
             down: single(down / STEPS),
             offset: single(mapping.offset),
             near: mapping.near as f32,
-            doubt: (ROUNDING * (base.z.abs() + SIDE as f64 * (right.z.abs() + down.z.abs()))) as f32,
+            doubt: (ROUNDING * terms.z) as f32,
         }
     }
 
@@ -401,10 +421,11 @@ impl<'a> TileMap<'a> {
         window: &View<'_>,
         fallen: &mut Fallen,
     ) {
-        let count = samples.len();
-        assert!(count <= BATCH);
-        let (xs, ys) = (&tiles.x[samples.clone()], &tiles.y[samples.clone()]);
-        let disparities = &tiles.disparities[samples];
+        assert!(samples.len() <= BATCH);
+        // Whole blocks: what follows the samples is mapped in vain, but without a loop over the last ones.
+        let padded = samples.start..samples.start + samples.len().next_multiple_of(BLOCK);
+        let (xs, ys) = (&tiles.x[padded.clone()], &tiles.y[padded.clone()]);
+        let disparities = &tiles.disparities[padded];
         let [x0, y0, w0] = self.base;
         let [x1, y1, w1] = self.right;
         let [x2, y2, w2] = self.down;
@@ -414,20 +435,35 @@ impl<'a> TileMap<'a> {
         let (top, bottom) = (window.top as f32, (window.top + window.rows()) as f32);
         let (stride, nowhere) = (window.width as i32 + 1, window.width as i32);
         let mut doubtful = 0;
-        for i in 0..count {
-            let (x, y, d) = (f32::from(xs[i]), f32::from(ys[i]), disparities[i]);
-            let w = ((w0 + x * w1) + y * w2) + d * w3;
-            let r = 1.0 / w;
-            let u = (((x0 + x * x1) + y * x2) + d * x3) * r;
-            let v = (((y0 + x * y1) + y * y2) + d * y3) * r;
-            let inside = (w > 0.0) & (w >= near * d) & (u >= 0.0) & (u < width) & (v >= top) & (v < bottom);
-            let (column, line) = (if inside { u } else { 0.0 }, if inside { v } else { 0.0 });
-            // SAFETY: both lie within an image, whose sides are well below 2^31.
-            let (column, line) =
-                unsafe { (column.to_int_unchecked::<i32>(), line.to_int_unchecked::<i32>()) };
-            fallen.cells[i] = if inside { (line - first) * stride + column } else { nowhere } as u32;
-            fallen.nearness[i] = d * r;
-            doubtful |= i32::from(w.abs() <= self.doubt + d * rounding);
+        let blocks = xs
+            .as_chunks::<BLOCK>()
+            .0
+            .iter()
+            .zip(ys.as_chunks::<BLOCK>().0)
+            .zip(disparities.as_chunks::<BLOCK>().0);
+        let fallen_blocks = fallen
+            .cells
+            .as_chunks_mut::<BLOCK>()
+            .0
+            .iter_mut()
+            .zip(fallen.nearness.as_chunks_mut::<BLOCK>().0);
+        for (((xs, ys), disparities), (cells, nearness)) in blocks.zip(fallen_blocks) {
+            for i in 0..BLOCK {
+                let (x, y, d) = (f32::from(xs[i]), f32::from(ys[i]), disparities[i]);
+                let w = ((w0 + x * w1) + y * w2) + d * w3;
+                let r = 1.0 / w;
+                let u = (((x0 + x * x1) + y * x2) + d * x3) * r;
+                let v = (((y0 + x * y1) + y * y2) + d * y3) * r;
+                let inside =
+                    (w > 0.0) & (w >= near * d) & (u >= 0.0) & (u < width) & (v >= top) & (v < bottom);
+                let (column, line) = (if inside { u } else { 0.0 }, if inside { v } else { 0.0 });
+                // SAFETY: both lie within an image, whose sides are well below 2^31.
+                let (column, line) =
+                    unsafe { (column.to_int_unchecked::<i32>(), line.to_int_unchecked::<i32>()) };
+                cells[i] = if inside { (line - first) * stride + column } else { nowhere } as u32;
+                nearness[i] = d * r;
+                doubtful |= i32::from(w.abs() <= self.doubt + d * rounding);
+            }
         }
         if doubtful != 0 {
             self.decide([xs, ys], disparities, window, fallen);
@@ -457,50 +493,67 @@ impl<'a> TileMap<'a> {
         }
     }
 
-    /// Where the samples of a chunk may fall.
+    /// Where the samples of a chunk may fall: the box of its eight corners, in float32 with room for rounding.
     #[inline(always)]
     fn place(&self, tiles: &Tiles, chunk: &Chunk, window: &View<'_>) -> Place {
         let disparity = [tiles.disparities[chunk.start as usize], tiles.disparities[chunk.end as usize - 1]];
-        let m = &self.mapping.matrix;
-        let at = |axis: usize, place: u8| self.corner[axis] + f64::from(place) / STEPS;
-        let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-        let mut farthest = 0.0_f64;
-        for y in [at(1, chunk.low[1]), at(1, chunk.high[1])] {
-            for x in [at(0, chunk.low[0]), at(0, chunk.high[0])] {
-                let ray = m.x_axis * x + m.y_axis * y + m.z_axis;
-                for d in disparity {
-                    let p = ray + f64::from(d) * self.mapping.offset;
-                    let inverse = 1.0 / p.z;
-                    let q = dvec3(p.x * inverse, p.y * inverse, f64::from(d) * inverse);
-                    (low, high) = (low.min(q), high.max(q));
-                    farthest = if p.z > 0.0 { farthest.max(inverse) } else { f64::INFINITY };
-                    if !(p.z > 0.0) {
-                        return Place::Anywhere;
-                    }
-                }
-            }
+        let [x0, x1] = [chunk.low[0], chunk.high[0]].map(f32::from);
+        let [y0, y1] = [chunk.low[1], chunk.high[1]].map(f32::from);
+        let xs = [x0, x1, x0, x1, x0, x1, x0, x1];
+        let ys = [y0, y0, y1, y1, y0, y0, y1, y1];
+        let [d0, d1] = disparity;
+        let ds = [d0, d0, d0, d0, d1, d1, d1, d1];
+        let (mut u, mut v, mut n, mut w) = ([0.0; 8], [0.0; 8], [0.0; 8], [0.0; 8]);
+        for i in 0..8 {
+            let (x, y, d) = (xs[i], ys[i], ds[i]);
+            w[i] = ((self.base[2] + x * self.right[2]) + y * self.down[2]) + d * self.offset[2];
+            let r = 1.0 / w[i];
+            u[i] = (((self.base[0] + x * self.right[0]) + y * self.down[0]) + d * self.offset[0]) * r;
+            v[i] = (((self.base[1] + x * self.right[1]) + y * self.down[1]) + d * self.offset[1]) * r;
+            n[i] = d * r;
         }
-        // Terms of each coordinate, whose rounding the last one divides.
-        let (x, y, d) = (at(0, chunk.high[0]), at(1, chunk.high[1]), f64::from(disparity[1]));
-        let terms = m.x_axis.abs() * x + m.y_axis.abs() * y + m.z_axis.abs() + self.mapping.offset.abs() * d;
-        let error = terms * (ROUNDING * farthest);
-        if !(error.z < 0.01) {
+        let [nearest, _] = range(w);
+        let ahead = nearest > 0.0;
+        if !ahead {
             return Place::Anywhere;
         }
-        let slack = |axis: usize| 1e-6 + error[axis] + error.z * low[axis].abs().max(high[axis].abs());
-        let (width, top) = (window.width as f64, window.top as f64);
-        let bottom = top + window.rows() as f64;
-        let (left, right) = (low.x - slack(0), high.x + slack(0));
-        let (upper, lower) = (low.y - slack(1), high.y + slack(1));
-        if !(right >= 0.0 && left < width && lower >= top && upper < bottom) {
+        // Twice the rounding of the sum of terms: the corners' own, and that of the samples' places.
+        let error = [0, 1, 2]
+            .map(|i| (self.terms[i] + d1 * self.offset[i].abs()) * (2.0 * ROUNDING as f32) / nearest);
+        let exact = error[2] < 0.01;
+        if !exact {
+            return Place::Anywhere;
+        }
+        let ([left, right], [upper, lower], [_, most]) = (range(u), range(v), range(n));
+        let slack =
+            |axis: usize, low: f32, high: f32| 1e-5 + error[axis] + error[2] * low.abs().max(high.abs());
+        let (across, along) = (slack(0, left, right), slack(1, upper, lower));
+        let (left, right, upper, lower) = (left - across, right + across, upper - along, lower + along);
+        let (width, top) = (window.width as f32, window.top as f32);
+        let bottom = (window.top + window.rows()) as f32;
+        let meets = right >= 0.0 && left < width && lower >= top && upper < bottom;
+        if !meets {
             return Place::Outside;
         }
         Place::Within(Reach {
             columns: [left.max(0.0) as usize, right.min(width - 1.0) as usize],
             rows: [upper.max(top) as usize - window.top, lower.min(bottom - 1.0) as usize - window.top],
-            nearness: (high.z * (1.0 + 2.0 * error.z + ROUNDING)) as f32,
+            nearness: most * (1.0 + 2.0 * error[2] + ROUNDING as f32),
         })
     }
+}
+
+/// The least and the greatest.
+#[inline(always)]
+fn range(values: [f32; 8]) -> [f32; 2] {
+    let (mut low, mut high) = (values, values);
+    for half in [4, 2, 1] {
+        for i in 0..half {
+            low[i] = if low[i + half] < low[i] { low[i + half] } else { low[i] };
+            high[i] = if high[i + half] > high[i] { high[i + half] } else { high[i] };
+        }
+    }
+    [low[0], high[0]]
 }
 
 impl View<'_> {
