@@ -126,7 +126,7 @@ fn at(
     let second = if upper { -diagonal } else { 0.0 };
     let third = if upper { 0.0 } else { diagonal };
     let sum = first + second + third + last;
-    let inside = first >= 0.0 && last >= 0.0 && sum > 0.0;
+    let inside = (first >= 0.0) & (last >= 0.0) & (sum > 0.0);
     let nearness =
         (first * disparity[0] + second * disparity[1] + third * disparity[2] + last * disparity[3]) / sum;
     let (a, b) = (first * ratio[0], second * ratio[1]);
@@ -167,12 +167,14 @@ impl Work {
     ) {
         let width = source.image.camera.width;
         let flags = [&source.joins[row * width..][..width], &source.joins[(row + 1) * width..][..width]];
-        for i in 0..width - 1 {
-            let joined = flags[0][i] & (RIGHT | DOWN) == RIGHT | DOWN
-                && flags[1][i] & RIGHT != 0
-                && flags[0][i + 1] & DOWN != 0;
-            let there = above.there[i] & above.there[i + 1] & below.there[i] & below.there[i + 1];
-            self.whole[i] = u8::from(joined) & there;
+        let count = width - 1;
+        let (a, b, c) = (&flags[0][..count], &flags[0][1..], &flags[1][..count]);
+        let there = [&above.there[..width], &below.there[..width]];
+        let whole = &mut self.whole[..count];
+        for i in 0..count {
+            let joined = (a[i] & (RIGHT | DOWN) == RIGHT | DOWN) & (b[i] & DOWN != 0) & (c[i] & RIGHT != 0);
+            let there = there[0][i] & there[0][i + 1] & there[1][i] & there[1][i + 1];
+            whole[i] = u8::from(joined) & there;
         }
         let place_of_row = ((row + 1) * width) as u32;
         for at in (0..width - 1).step_by(CHUNK) {
@@ -188,33 +190,32 @@ impl Work {
         let rows = [band.rows.start as f32, band.rows.end as f32];
         let columns = [0.0, band.width as f32];
         let whole: &[u8; CHUNK] = self.whole[at..].first_chunk().expect("padded to whole chunks");
-        let mut most = [0.0_f32; 2];
-        let mut large = 0_u32;
         for (i, &whole) in whole.iter().enumerate() {
             let [ax, bx, cx, dx] = [corners.x[0][i], corners.x[1][i], corners.x[2][i], corners.x[3][i]];
             let [ay, by, cy, dy] = [corners.y[0][i], corners.y[1][i], corners.y[2][i], corners.y[3][i]];
-            let [x, columns] = centres(
-                least(least(ax, bx), least(cx, dx)),
-                greatest(greatest(ax, bx), greatest(cx, dx)),
-                columns,
-            );
-            let [y, rows] = centres(
-                least(least(ay, by), least(cy, dy)),
-                greatest(greatest(ay, by), greatest(cy, dy)),
-                rows,
-            );
-            let some = whole != 0 && columns > 0.0 && rows > 0.0;
-            let columns = if some { columns } else { 0.0 };
-            let rows = if some { rows } else { 0.0 };
-            let few = columns <= FEW && rows <= FEW;
-            large += u32::from(!few);
+            let [left, right] =
+                [least(least(ax, bx), least(cx, dx)), greatest(greatest(ax, bx), greatest(cx, dx))];
+            let [top, bottom] =
+                [least(least(ay, by), least(cy, dy)), greatest(greatest(ay, by), greatest(cy, dy))];
+            let [x, columns] = centres(left, right, columns);
+            let [y, rows] = centres(top, bottom, rows);
+            let some = (whole != 0) & (columns > 0.0) & (rows > 0.0);
             self.first[0][i] = x;
             self.first[1][i] = y;
-            self.count[0][i] = columns;
-            self.count[1][i] = rows;
-            most[0] = greatest(most[0], if few { columns } else { 0.0 });
-            most[1] = greatest(most[1], if few { rows } else { 0.0 });
+            self.count[0][i] = if some { columns } else { 0.0 };
+            self.count[1][i] = if some { rows } else { 0.0 };
         }
+        // Numbers that are not negative are in the order of their bits, whose greatest is found for many at once.
+        let mut most = [0_u32; 2];
+        let mut large = 0_u32;
+        for i in 0..CHUNK {
+            let [columns, rows] = [self.count[0][i], self.count[1][i]];
+            let few = (columns <= FEW) & (rows <= FEW);
+            large |= u32::from(!few);
+            most[0] = most[0].max(if few { columns.to_bits() } else { 0 });
+            most[1] = most[1].max(if few { rows.to_bits() } else { 0 });
+        }
+        let most = most.map(f32::from_bits);
         for down in 0..most[1] as usize {
             for right in 0..most[0] as usize {
                 self.test(corners, [right as f32, down as f32], tag, band);
@@ -241,7 +242,7 @@ impl Work {
     fn test(&mut self, corners: &Corners<'_>, offset: [f32; 2], tag: u32, band: &Band) {
         let (width, start) = (band.width as u32, band.rows.start as u32);
         for i in 0..CHUNK {
-            let few = self.count[0][i] <= FEW && self.count[1][i] <= FEW;
+            let few = (self.count[0][i] <= FEW) & (self.count[1][i] <= FEW);
             let here = few & (offset[0] < self.count[0][i]) & (offset[1] < self.count[1][i]);
             let point = [self.first[0][i] + offset[0], self.first[1][i] + offset[1]];
             let (inside, nearness, within) = at(

@@ -11,39 +11,90 @@ const OWN: f32 = 0.5;
 /// Where nothing else is, a surface goes on until just before the next sample, which saw another one.
 const ON: f32 = 15.0 / 16.0;
 
-/// Draws the cut blocks between rows `row - 1` and `row` of the source; outside of it there are no samples.
-pub fn draw(mapping: &Mapping, source: &Source<'_>, row: usize, tag: u32, band: &mut Band) {
-    let (width, height) = (source.image.camera.width, source.image.camera.height);
-    let flag = |x: usize, y: usize| if x < width && y < height { source.joins[y * width + x] } else { 0 };
-    for column in 0..=width {
-        // Beyond the first row and column, `wrapping_sub` makes a number that is beyond the last.
-        let (left, top) = (column.wrapping_sub(1), row.wrapping_sub(1));
-        let [a, b, c, d] = [flag(left, top), flag(column, top), flag(left, row), flag(column, row)];
-        let joined = [a & RIGHT != 0, c & RIGHT != 0, a & DOWN != 0, b & DOWN != 0];
-        if joined == [true; 4] || (a | b | c | d) & PRESENT == 0 {
-            continue;
+/// How many blocks are passed over at once where none is cut.
+const GROUP: usize = 16;
+
+/// The blocks between two rows of samples.
+pub struct Cuts {
+    /// What is joined in the rows above and below, from the sample before the first to the one after the last.
+    joins: [Vec<u8>; 2],
+    /// 1 where a block is cut and has a sample.
+    cut: Vec<u8>,
+}
+
+impl Cuts {
+    pub fn new(width: usize) -> Self {
+        let padded = (width + 1).next_multiple_of(GROUP) + 1;
+        Self { joins: [vec![0; padded], vec![0; padded]], cut: vec![0; padded - 1] }
+    }
+
+    /// Draws the cut blocks between rows `row - 1` and `row` of the source; outside of it there are no samples. Rows must
+    /// come one after the other.
+    #[inline(always)]
+    pub fn draw(&mut self, mapping: &Mapping, source: &Source<'_>, row: usize, tag: u32, band: &mut Band) {
+        let (width, height) = (source.image.camera.width, source.image.camera.height);
+        self.joins.swap(0, 1);
+        let below = &mut self.joins[1][1..=width];
+        if row < height {
+            below.copy_from_slice(&source.joins[row * width..][..width]);
+        } else {
+            below.fill(0);
         }
-        let block = (row * width + column) as u32;
-        for (corner, flags) in [a, b, c, d].into_iter().enumerate() {
-            if flags & PRESENT != 0 {
-                let (x, y) =
-                    (if corner & 1 == 0 { left } else { column }, if corner & 2 == 0 { top } else { row });
-                let place = with(corner, joined) << Place::CORNERS | tag;
-                quarter(mapping, source, [x, y], corner, block, place, band);
+        let [above, below] = &self.joins;
+        let count = self.cut.len();
+        let (a, b, c, d) = (&above[..count], &above[1..=count], &below[..count], &below[1..=count]);
+        let cut = &mut self.cut[..count];
+        for i in 0..count {
+            let joined = (a[i] & (RIGHT | DOWN) == RIGHT | DOWN) & (b[i] & DOWN != 0) & (c[i] & RIGHT != 0);
+            let some = (a[i] | b[i] | c[i] | d[i]) & PRESENT != 0;
+            cut[i] = u8::from(some & !joined);
+        }
+        for first in (0..count).step_by(GROUP) {
+            let group: [u8; GROUP] = *cut[first..].first_chunk().expect("padded to whole groups");
+            if u128::from_ne_bytes(group) == 0 {
+                continue;
             }
+            for column in first..first + GROUP {
+                if cut[column] != 0 {
+                    let flags = [above[column], above[column + 1], below[column], below[column + 1]];
+                    block(mapping, source, [column, row], flags, tag, band);
+                }
+            }
+        }
+    }
+}
+
+/// Draws the quarters of a block, whose lower right sample is at `column` and `row`.
+fn block(
+    mapping: &Mapping,
+    source: &Source<'_>,
+    [column, row]: [usize; 2],
+    flags: [u8; 4],
+    tag: u32,
+    band: &mut Band,
+) {
+    let [a, b, c, _] = flags;
+    let joined = [a & RIGHT != 0, c & RIGHT != 0, a & DOWN != 0, b & DOWN != 0];
+    let number = (row * source.image.camera.width + column) as u32;
+    for (corner, flags) in flags.into_iter().enumerate() {
+        if flags & PRESENT != 0 {
+            let sample = [column + (corner & 1) - 1, row + (corner >> 1) - 1];
+            let tag = with(corner, joined) << Place::CORNERS | tag;
+            quarter(mapping, source, sample, corner, number, tag, band);
         }
     }
 }
 
 /// The corners whose colours count in a corner's quarter, a bit each: those joined to it, directly or over one.
 fn with(corner: usize, [top, bottom, left, right]: [bool; 4]) -> u32 {
-    let beside = [top, bottom][corner >> 1];
-    let below = [left, right][corner & 1];
-    let across = (beside && [left, right][1 - (corner & 1)]) || (below && [top, bottom][1 - (corner >> 1)]);
+    let (across, along) = ([top, bottom], [left, right]);
+    let beside = across[corner >> 1];
+    let below = along[corner & 1];
+    let over = (beside && along[1 - (corner & 1)]) || (below && across[1 - (corner >> 1)]);
     1 << corner
         | u32::from(beside) << (corner ^ 1)
         | u32::from(below) << (corner ^ 2)
-        | u32::from(across) << (corner ^ 3)
+        | u32::from(over) << (corner ^ 3)
 }
 
 /// Draws the quarter of a block that belongs to a sample, and beyond.
@@ -56,47 +107,49 @@ fn quarter(
     tag: u32,
     band: &mut Band,
 ) {
-    let width = source.image.camera.width;
-    let own = source.image.disparity[row * width + column];
-    let slant = slant(source, [column, row]);
-    for (reach_of, solid) in [(OWN, SOLID), (ON, 0)] {
-        // Where in the block the quarter begins and ends, and from the sample.
-        let side = |second: bool| if second { [1.0 - reach_of, 1.0] } else { [0.0, reach_of] };
-        let (across, along) = (side(corner & 1 != 0), side(corner & 2 != 0));
-        let from = [(corner & 1) as f32, (corner >> 1) as f32];
-        let mut corners = [[0.0; 4]; 4];
-        let mut all = true;
-        for k in 0..4 {
-            let step = [across[k & 1] - from[0], along[k >> 1] - from[1]];
-            let plane = own + slant[0] * step[0] + slant[1] * step[1];
-            let disparity = f64::from(plane.clamp(own * 0.5, own * 2.0));
-            let pixel = [column as f64 + 0.5 + f64::from(step[0]), row as f64 + 0.5 + f64::from(step[1])];
-            let p = mapping.matrix.x_axis * pixel[0]
-                + (mapping.matrix.z_axis + mapping.matrix.y_axis * pixel[1])
-                + mapping.offset * disparity;
-            all &= p.z > 0.0 && p.z >= mapping.near * disparity;
-            let inverse = 1.0 / p.z;
-            let values = [p.x * inverse, p.y * inverse, inverse, disparity * inverse];
-            for (to, value) in corners.iter_mut().zip(values) {
-                to[k] = value as f32;
-            }
+    let own = f64::from(source.image.disparity[row * source.image.camera.width + column]);
+    let sign = [if corner & 1 == 0 { 1.0 } else { -1.0 }, if corner & 2 == 0 { 1.0 } else { -1.0 }];
+    // At most half as much again or half as much at each side: a plane seen almost edge-on would leave the world.
+    let [right, down] =
+        slant(source, [column, row]).map(|slant| f64::from(slant).clamp(-0.5 * own, 0.5 * own));
+    let reach_x = sign[0] * f64::from(ON);
+    let reach_y = sign[1] * f64::from(ON);
+    let sample = mapping.homogeneous(column as f64 + 0.5, row as f64 + 0.5, own);
+    let across = (mapping.matrix.x_axis + mapping.offset * right) * reach_x;
+    let along = (mapping.matrix.y_axis + mapping.offset * down) * reach_y;
+    let [mut x, mut y, mut ratio, mut disparities] = [[0.0; 4]; 4];
+    for k in 0..4 {
+        // Corners in the order of the image, whatever direction the quarter goes in.
+        let ahead_x = f64::from((k & 1 != 0) == (sign[0] > 0.0));
+        let ahead_y = f64::from((k & 2 != 0) == (sign[1] > 0.0));
+        let p = sample + across * ahead_x + along * ahead_y;
+        let disparity = own + right * reach_x * ahead_x + down * reach_y * ahead_y;
+        if p.z <= 0.0 || p.z < mapping.near * disparity {
+            return;
         }
-        if !all {
-            continue;
-        }
-        let [first, count] = reach(&corners[0], &corners[1], band);
-        if count[0] < 1.0 || count[1] < 1.0 {
-            continue;
-        }
-        fill(first, count, corners, band, |band, pixel, nearness, within| {
-            let steps = Place::STEPS as f32;
-            let at =
-                |range: [f32; 2], t: f32| ((range[0] + (range[1] - range[0]) * t) * steps).round() as u32;
-            let place = at(across, within[0]) | at(along, within[1]) << Place::ROW | tag;
-            // Infinitely far is nearer than a hole.
-            band.put(pixel, Sample { key: nearness.to_bits().max(1) | solid, block, place });
-        });
+        let inverse = 1.0 / p.z;
+        x[k] = (p.x * inverse) as f32;
+        y[k] = (p.y * inverse) as f32;
+        ratio[k] = inverse as f32;
+        disparities[k] = (disparity * inverse) as f32;
     }
+    let [first, count] = reach(&x, &y, band);
+    if count[0] < 1.0 || count[1] < 1.0 {
+        return;
+    }
+    fill(first, count, [x, y, ratio, disparities], band, |band, pixel, nearness, within| {
+        // Where in the block, and how far from the sample.
+        let at = |axis: usize| {
+            let before = ON * within[axis];
+            if sign[axis] > 0.0 { [before, before] } else { [1.0 - ON + before, ON - before] }
+        };
+        let ([x, from_x], [y, from_y]) = (at(0), at(1));
+        let step = |t: f32| (t * Place::STEPS as f32 + 0.5) as u32;
+        let solid = if from_x <= OWN && from_y <= OWN { SOLID } else { 0 };
+        // Infinitely far is nearer than a hole.
+        let key = nearness.to_bits().max(1) | solid;
+        band.put(pixel, Sample { key, block, place: step(x) | step(y) << Place::ROW | tag });
+    });
 }
 
 /// By how much disparity grows to the right and down, as the samples say that are joined to this one.

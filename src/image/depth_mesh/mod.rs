@@ -162,6 +162,7 @@ impl Kernel for Draw<'_, '_> {
         let tag = (number as u32) << Place::SOURCE;
         let [mut above, mut below] = [Row::new(width), Row::new(width)];
         let mut work = blocks::Work::new(width);
+        let mut cuts = cuts::Cuts::new(width);
         for row in 0..=height {
             control.step(0)?;
             std::mem::swap(&mut above, &mut below);
@@ -173,7 +174,7 @@ impl Kernel for Draw<'_, '_> {
             if inside && above.reaches(&below, &band.rows) {
                 work.draw(&above, &below, source, row - 1, tag, band);
             }
-            cuts::draw(mapping, source, row, tag, band);
+            cuts.draw(mapping, source, row, tag, band);
         }
         Ok(())
     }

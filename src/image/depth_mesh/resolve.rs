@@ -51,6 +51,15 @@ impl Kernel for Resolve<'_, '_> {
     }
 }
 
+/// The three channels of a pixel in one word, with room between them.
+#[inline(always)]
+fn spread<const CHANNELS: usize>(pixel: &[u8; CHANNELS]) -> u64 {
+    u64::from(pixel[0]) | u64::from(pixel[1]) << 21 | u64::from(pixel[2]) << 42
+}
+
+/// The channels' upper 18 bits of 21.
+const UPPER: u64 = 0x3_FFFF | 0x3_FFFF << 21 | 0x3_FFFF << 42;
+
 /// The colour between the samples of a block that count.
 #[inline(always)]
 fn between<const CHANNELS: usize>(pixels: &[[u8; CHANNELS]], width: usize, sample: Sample) -> [u8; 3] {
@@ -59,25 +68,28 @@ fn between<const CHANNELS: usize>(pixels: &[[u8; CHANNELS]], width: usize, sampl
     let corners = sample.place >> Place::CORNERS & Place::ALL;
     // Beyond the first row and column, wrapping makes a place outside of the image: those corners don't count.
     let start = (sample.block as usize).wrapping_sub(width + 1);
-    let weights = [
-        (Place::STEPS - across) * (Place::STEPS - down),
-        across * (Place::STEPS - down),
-        (Place::STEPS - across) * down,
-        across * down,
-    ];
+    if corners == Place::ALL {
+        let top = [&pixels[start], &pixels[start + 1]].map(spread);
+        let bottom = [&pixels[start + width], &pixels[start + width + 1]].map(spread);
+        // 8 bits a channel, 16 between columns, of which 13 are kept, 21 between rows.
+        let (left, right) = (u64::from(Place::STEPS - across), u64::from(across));
+        let [top, bottom] = [top, bottom].map(|[a, b]| (a * left + b * right) >> 3 & UPPER);
+        let half = 1 << 12 | 1 << 33 | 1 << 54;
+        let sum = top * u64::from(Place::STEPS - down) + bottom * u64::from(down) + half;
+        return [(sum >> 13) as u8, (sum >> 34) as u8, (sum >> 55) as u8];
+    }
     let places = [start, start.wrapping_add(1), start.wrapping_add(width), start.wrapping_add(width + 1)];
-    let mut sum = [0_u32; 3];
+    let mut sum = [0; 3];
     let mut all = 0;
-    for corner in 0..4 {
-        let weight = if corners >> corner & 1 != 0 { weights[corner] } else { 0 };
-        let value = pixels.get(places[corner]).map_or([0; 3], |p| [p[0], p[1], p[2]]);
-        for c in 0..3 {
-            sum[c] += u32::from(value[c]) * weight;
+    for (corner, place) in places.into_iter().enumerate() {
+        if corners >> corner & 1 != 0 {
+            let column = if corner & 1 == 0 { Place::STEPS - across } else { across };
+            let weight = column * if corner & 2 == 0 { Place::STEPS - down } else { down };
+            for (sum, value) in sum.iter_mut().zip(&pixels[place]) {
+                *sum += u32::from(*value) * weight;
+            }
+            all += weight;
         }
-        all += weight;
     }
-    if all == 1 << 16 {
-        return sum.map(|s| ((s + (1 << 15)) >> 16) as u8);
-    }
-    sum.map(|s| ((s + all / 2) / all) as u8)
+    sum.map(|sum| ((sum + all / 2) / all) as u8)
 }

@@ -6,6 +6,9 @@ use super::joins::PRESENT;
 use crate::image::warp::mapping::Mapping;
 use std::ops::Range;
 
+/// Samples whose span is sought at once; divides [`CHUNK`].
+const ABREAST: usize = 16;
+
 /// A row of samples, padded to whole chunks of blocks.
 pub struct Row {
     /// Pixel coordinates in the new image; 0 where the sample is not there.
@@ -58,12 +61,19 @@ impl Row {
             nearness[i] = (d * inverse) as f32;
             there[i] = u8::from(seen);
         }
-        let mut span = [f32::INFINITY, f32::NEG_INFINITY];
-        for i in 0..width {
-            let (low, high) = if there[i] != 0 { (y[i], y[i]) } else { (f32::INFINITY, f32::NEG_INFINITY) };
-            span[0] = if low < span[0] { low } else { span[0] };
-            span[1] = if high > span[1] { high } else { span[1] };
+        // Several at once: one after the other would wait for each.
+        let [mut low, mut high] = [[f32::INFINITY; ABREAST], [f32::NEG_INFINITY; ABREAST]];
+        for (y, there) in self.y.chunks_exact(ABREAST).zip(self.there.chunks_exact(ABREAST)) {
+            for k in 0..ABREAST {
+                let here = there[k] != 0;
+                low[k] = if here & (y[k] < low[k]) { y[k] } else { low[k] };
+                high[k] = if here & (y[k] > high[k]) { y[k] } else { high[k] };
+            }
         }
+        let span = [
+            low.into_iter().fold(f32::INFINITY, f32::min),
+            high.into_iter().fold(f32::NEG_INFINITY, f32::max),
+        ];
         self.span = span;
     }
 
