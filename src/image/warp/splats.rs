@@ -7,7 +7,7 @@
 use super::canvas::{Band, Order, Word, nearness, word};
 use super::forward::{Warp, in_bands, prepare};
 use super::image::{DepthImage, Pixels};
-use super::mapping::{CHUNK, Chunk, Consecutive};
+use super::mapping::{CHUNK, Chunk, Consecutive, Window};
 use super::picture::{Background, Picture};
 use super::sheets::Sheet;
 use crate::camera::Camera;
@@ -159,13 +159,17 @@ impl Pen for Average<'_> {
     }
 }
 
-/// A row of an image in the target, and its disparities, NaN where missing.
+/// Entries before and after those of a row's pixels, NaN: neighbours that are not there.
+const PAD: usize = 2;
+
+/// A row of an image in the target: positions and disparities, NaN where missing and beyond the ends.
 #[derive(Default)]
 struct Line {
-    row: Option<usize>,
+    row: Option<isize>,
     disparity: Vec<f32>,
     u: Vec<f32>,
     v: Vec<f32>,
+    /// Without the padding.
     growth: Vec<f32>,
     nearness: Vec<f32>,
     cells: Vec<u32>,
@@ -173,35 +177,39 @@ struct Line {
 
 impl Line {
     #[inline(always)]
-    fn fill(&mut self, warp: &Warp<'_, DepthImage<'_>>, y: usize, band: &Band) {
+    fn fill(&mut self, warp: &Warp<'_, DepthImage<'_>>, y: isize, band: &Band) {
         if self.row == Some(y) {
             return;
         }
         self.row = Some(y);
-        let width = warp.samples.camera.width;
-        for array in [&mut self.disparity, &mut self.u, &mut self.v, &mut self.growth, &mut self.nearness] {
-            array.resize(width, 0.0);
+        let camera = &warp.samples.camera;
+        let width = camera.width;
+        for array in [&mut self.disparity, &mut self.u, &mut self.v] {
+            array.clear();
+            array.resize(width + 2 * PAD, f32::NAN);
         }
+        if !(0..camera.height as isize).contains(&y) {
+            return;
+        }
+        self.growth.resize(width, 0.0);
+        self.nearness.resize(width, 0.0);
         self.cells.resize(width, 0);
-        self.disparity.copy_from_slice(&warp.samples.disparity[y * width..][..width]);
+        let pixels = y as usize * width..(y as usize + 1) * width;
+        let disparity = &mut self.disparity[PAD..PAD + width];
+        disparity.copy_from_slice(&warp.samples.disparity[pixels.clone()]);
         if let Some(missing) = warp.samples.missing {
-            for (disparity, &missing) in self.disparity.iter_mut().zip(&missing[y * width..][..width]) {
+            for (disparity, &missing) in disparity.iter_mut().zip(&missing[pixels]) {
                 *disparity = if missing { f32::NAN } else { *disparity };
             }
         }
-        let row = warp.mapping.row(y);
+        let row = warp.mapping.row(y as usize);
         let mut chunk = Chunk::default();
         for first in (0..width).step_by(CHUNK) {
             let last = (first + CHUNK).min(width);
-            row.project::<_, true>(
-                Consecutive(first),
-                &self.disparity[first..last],
-                &band.window,
-                &mut chunk,
-            );
+            row.project::<_, true>(Consecutive(first), &disparity[first..last], &band.window, &mut chunk);
             let count = last - first;
-            self.u[first..last].copy_from_slice(&chunk.u[..count]);
-            self.v[first..last].copy_from_slice(&chunk.v[..count]);
+            self.u[PAD + first..PAD + last].copy_from_slice(&chunk.u[..count]);
+            self.v[PAD + first..PAD + last].copy_from_slice(&chunk.v[..count]);
             self.growth[first..last].copy_from_slice(&chunk.growth[..count]);
             self.nearness[first..last].copy_from_slice(&chunk.nearness[..count]);
             self.cells[first..last].copy_from_slice(&chunk.cells()[..count]);
@@ -209,14 +217,149 @@ impl Line {
     }
 }
 
+/// The five rows around one: that of `y` at `y` modulo five.
+struct Lines([Line; 5]);
+
+impl Lines {
+    #[inline(always)]
+    fn row(&self, y: isize) -> &Line {
+        &self.0[y.rem_euclid(5) as usize]
+    }
+
+    #[inline(always)]
+    fn row_mut(&mut self, y: isize) -> &mut Line {
+        &mut self.0[y.rem_euclid(5) as usize]
+    }
+}
+
+/// Half the sides of the rectangles of a row, and the pixels that they cover: columns and rows, ends excluded.
+#[derive(Default)]
+struct Rectangles {
+    half_u: Vec<f32>,
+    half_v: Vec<f32>,
+    columns: Vec<[i32; 2]>,
+    rows: Vec<[i32; 2]>,
+}
+
 /// Whether the second and third of four disparities in a row are of one surface. NaN is of none.
 #[inline(always)]
-fn joined([before, here, there, after]: [f32; 4]) -> bool {
+fn joined(before: f32, here: f32, there: f32, after: f32) -> bool {
     let step = there - here;
     let steady = 0.5 * step.abs();
-    step.abs() <= JUMP * here.max(there)
-        || (step - (here - before)).abs() <= steady
-        || (step - (after - there)).abs() <= steady
+    let nearer = if here > there { here } else { there };
+    (step.abs() <= JUMP * nearer)
+        | ((step - (here - before)).abs() <= steady)
+        | ((step - (after - there)).abs() <= steady)
+}
+
+/// What a sample is away from the next one, which is at the third of the distances in `along`: from the neighbour on either
+/// side, of the same surface, else from `own`.
+#[inline(always)]
+fn side(disparity: [f32; 5], along: [f32; 3], own: f32) -> f32 {
+    let [before, left, here, right, after] = disparity;
+    let ahead = along[2] - along[1];
+    let behind = along[1] - along[0];
+    let first = joined(left, here, right, after) & !ahead.is_nan();
+    let second = joined(right, here, left, before) & !behind.is_nan();
+    if first {
+        ahead
+    } else if second {
+        behind
+    } else {
+        own
+    }
+}
+
+impl Rectangles {
+    /// Half of what [`Size::Projected`] says.
+    #[inline(always)]
+    fn project(&mut self, warp: &Warp<'_, DepthImage<'_>>, lines: &Lines, y: isize) {
+        let width = warp.samples.camera.width;
+        let (x_step, y_step) = (warp.mapping.matrix.x_axis.as_vec3(), warp.mapping.matrix.y_axis.as_vec3());
+        let line = lines.row(y);
+        let [d0, d1, d2, d3, d4] = [0, 1, 2, 3, 4].map(|k| &line.disparity[k..k + width]);
+        let [u1, u2, u3] = [1, 2, 3].map(|k| &line.u[k..k + width]);
+        let [v1, v2, v3] = [1, 2, 3].map(|k| &line.v[k..k + width]);
+        let growth = &line.growth[..width];
+        let (half_u, half_v) = (&mut self.half_u[..width], &mut self.half_v[..width]);
+        for x in 0..width {
+            // A step of a pixel at the sample's own disparity.
+            let (u, v, w) = (u2[x], v2[x], 1.0 / growth[x]);
+            let d = [d0[x], d1[x], d2[x], d3[x], d4[x]];
+            let own_u = (x_step.x - u * x_step.z) / (w + x_step.z);
+            let own_v = (x_step.y - v * x_step.z) / (w + x_step.z);
+            half_u[x] = 0.5 * side(d, [u1[x], u, u3[x]], own_u).abs();
+            half_v[x] = 0.5 * side(d, [v1[x], v, v3[x]], own_v).abs();
+        }
+        let near = [-2, -1, 0, 1, 2].map(|k| lines.row(y + k));
+        let [d0, d1, d2, d3, d4] = near.map(|line| &line.disparity[PAD..PAD + width]);
+        let [_, u1, u2, u3, _] = near.map(|line| &line.u[PAD..PAD + width]);
+        let [_, v1, v2, v3, _] = near.map(|line| &line.v[PAD..PAD + width]);
+        for x in 0..width {
+            let (u, v, w) = (u2[x], v2[x], 1.0 / growth[x]);
+            let d = [d0[x], d1[x], d2[x], d3[x], d4[x]];
+            let own_u = (y_step.x - u * y_step.z) / (w + y_step.z);
+            let own_v = (y_step.y - v * y_step.z) / (w + y_step.z);
+            half_u[x] += 0.5 * side(d, [u1[x], u, u3[x]], own_u).abs();
+            half_v[x] += 0.5 * side(d, [v1[x], v, v3[x]], own_v).abs();
+        }
+    }
+
+    /// Finds the rectangles of a row.
+    #[inline(always)]
+    fn fill(
+        &mut self,
+        warp: &Warp<'_, DepthImage<'_>>,
+        size: Size,
+        lines: &Lines,
+        y: isize,
+        window: &Window,
+    ) {
+        let line = lines.row(y);
+        let width = warp.samples.camera.width;
+        self.half_u.resize(width, 0.0);
+        self.half_v.resize(width, 0.0);
+        self.columns.resize(width, [0; 2]);
+        self.rows.resize(width, [0; 2]);
+        match size {
+            Size::Projected => self.project(warp, lines, y),
+            Size::Disparity => {
+                let [mu, mv] = warp.mapping.magnification.map(|m| 0.5 * m as f32);
+                for ((half_u, half_v), &growth) in
+                    self.half_u.iter_mut().zip(&mut self.half_v).zip(&line.growth)
+                {
+                    (*half_u, *half_v) = (growth * mu, growth * mv);
+                }
+            }
+        }
+        let high = window.width as f32;
+        let centres = &line.u[PAD..PAD + width];
+        for ((columns, half), &centre) in self.columns.iter_mut().zip(&mut self.half_u).zip(centres) {
+            *columns = within(centre, half, 0.0, high);
+        }
+        let (low, high) = (window.top as f32, window.bottom as f32);
+        let centres = &line.v[PAD..PAD + width];
+        for ((rows, half), &centre) in self.rows.iter_mut().zip(&mut self.half_v).zip(centres) {
+            *rows = within(centre, half, low, high);
+        }
+    }
+}
+
+/// The pixels between `low` and `high` whose centres are within half a side of a position; brings that within its limits.
+#[inline(always)]
+fn within(centre: f32, half: &mut f32, low: f32, high: f32) -> [i32; 2] {
+    // Not less than the pixel around the sample.
+    let wide = if *half > 0.5 { *half } else { 0.5 };
+    *half = if wide < MOST_HALF { wide } else { MOST_HALF };
+    let from = (centre - *half - SLACK - 0.5).ceil();
+    let to = (centre + *half + SLACK - 0.5).ceil();
+    // Comparisons with NaN are false: such a sample covers nothing.
+    let from = if from > low { from } else { low };
+    let to = if to < high { to } else { high };
+    let covers = to > from;
+    let (from, to) = (if covers { from } else { 0.0 }, if covers { to } else { 0.0 });
+    // SAFETY: both lie within an image, whose sides are well below 2^31.
+    unsafe { [from.to_int_unchecked::<i32>(), to.to_int_unchecked::<i32>()] }
 }
 
 impl Draw<'_, '_, '_> {
@@ -224,86 +367,27 @@ impl Draw<'_, '_, '_> {
     fn draw<P: Pen>(&self, pen: &mut P) -> Result<(), Error> {
         let reach = MOST_HALF + 2.0;
         let (first, last) = (pen.band().window.top as f32 - reach, pen.band().window.bottom as f32 + reach);
+        // Samples beside the row are only looked at for their neighbours' sizes.
+        let beside = if self.size == Size::Projected { 2 } else { 0 };
+        let mut rectangles = Rectangles::default();
         for warp in self.warps {
-            let height = warp.samples.camera.height;
-            let mut lines = [Line::default(), Line::default(), Line::default()];
+            let mut lines = Lines(Default::default());
             for sheet in &warp.sheets {
                 for y in sheet.lines() {
                     let [least, greatest] = warp.lines[y];
                     if greatest >= first && least <= last {
-                        lines[y % 3].fill(warp, y, pen.band());
-                        if self.size == Size::Projected {
-                            for y in [y.saturating_sub(1), (y + 1).min(height - 1)] {
-                                lines[y % 3].fill(warp, y, pen.band());
-                            }
+                        let y = y as isize;
+                        for row in y - beside..=y + beside {
+                            lines.row_mut(row).fill(warp, row, pen.band());
                         }
-                        self.draw_row(warp, sheet, y, &lines, pen);
+                        rectangles.fill(warp, self.size, &lines, y, &pen.band().window);
+                        draw_row(warp, sheet, y as usize, lines.row(y), &rectangles, pen);
                     }
                 }
             }
             self.control.step(1)?;
         }
         Ok(())
-    }
-
-    #[inline(always)]
-    fn draw_row<P: Pen>(
-        &self,
-        warp: &Warp<'_, DepthImage<'_>>,
-        sheet: &Sheet,
-        y: usize,
-        lines: &[Line; 3],
-        pen: &mut P,
-    ) {
-        let window = pen.band().window;
-        let width = warp.samples.camera.width;
-        let line = &lines[y % 3];
-        let (start, end) = (sheet.columns.start, sheet.columns.end);
-        for x in start..end {
-            let x = if sheet.leftward { start + end - 1 - x } else { x };
-            let (u, v) = (line.u[x], line.v[x]);
-            if u.is_nan() {
-                continue;
-            }
-            let color = match warp.samples.pixels {
-                Pixels::Rgb(pixels) => {
-                    let [r, g, b] = pixels[y * width + x];
-                    [r, g, b, 0]
-                }
-                Pixels::Rgba(pixels) => {
-                    let [r, g, b, _] = pixels[y * width + x];
-                    [r, g, b, 0]
-                }
-            };
-            let word = word(line.nearness[x], u32::from_le_bytes(color) | warp.tag);
-            if line.cells[x] != window.nowhere {
-                pen.hit(line.cells[x], word);
-            }
-            let [half_u, half_v] = match self.size {
-                Size::Projected => halves(warp, lines, x, y),
-                Size::Disparity => {
-                    let [mu, mv] = warp.mapping.magnification;
-                    [0.5 * line.growth[x] * mu as f32, 0.5 * line.growth[x] * mv as f32]
-                }
-            };
-            // Not less than the pixel around the sample.
-            let (half_u, half_v) = (half_u.clamp(0.5, MOST_HALF), half_v.clamp(0.5, MOST_HALF));
-            let within = |centre: f32, half: f32, low: usize, high: usize| {
-                let (low, high) = (low as f32, high as f32);
-                let from = (centre - half - SLACK - 0.5).ceil().clamp(low, high);
-                let to = (centre + half + SLACK - 0.5).ceil().clamp(low, high);
-                from as usize..to as usize
-            };
-            let columns = within(u, half_u, 0, window.width);
-            for row in within(v, half_v, window.top, window.bottom) {
-                let away_v = (row as f32 + 0.5 - v).abs() / (half_v + 0.5);
-                for column in columns.clone() {
-                    let away_u = (column as f32 + 0.5 - u).abs() / (half_u + 0.5);
-                    let weight = 1 + (255.0 * (1.0 - away_u).max(0.0) * (1.0 - away_v).max(0.0)) as u32;
-                    pen.cover((row - window.top) * window.stride + column, word, weight);
-                }
-            }
-        }
     }
 
     #[inline(always)]
@@ -340,48 +424,51 @@ fn blend(behind: Word, edge: Word, [r, g, b, weight]: [u32; 4]) -> Word {
     shown & !0xFF_FFFF | u64::from(color)
 }
 
-/// Half the sides of a sample's projected size.
+/// Draws what a sheet has of a row.
 #[inline(always)]
-fn halves(warp: &Warp<'_, DepthImage<'_>>, lines: &[Line; 3], x: usize, y: usize) -> [f32; 2] {
-    let camera = &warp.samples.camera;
-    let line = &lines[y % 3];
-    let at = |column: isize, row: isize| {
-        let inside =
-            column >= 0 && row >= 0 && column < camera.width as isize && row < camera.height as isize;
-        if !inside {
-            return f32::NAN;
+fn draw_row<P: Pen>(
+    warp: &Warp<'_, DepthImage<'_>>,
+    sheet: &Sheet,
+    y: usize,
+    line: &Line,
+    rectangles: &Rectangles,
+    pen: &mut P,
+) {
+    let window = pen.band().window;
+    let width = warp.samples.camera.width;
+    let (start, end) = (sheet.columns.start, sheet.columns.end);
+    for step in start..end {
+        let x = if sheet.leftward { start + end - 1 - step } else { step };
+        let (columns, rows) = (rectangles.columns[x], rectangles.rows[x]);
+        let cell = line.cells[x];
+        let hits = cell != window.nowhere;
+        let covered = (columns[1] - columns[0]) * (rows[1] - rows[0]);
+        if covered == 0 && !hits {
+            continue;
         }
-        let (column, row) = (column as usize, row as usize);
-        if row.abs_diff(y) <= 1 {
-            lines[row % 3].disparity[column]
-        } else {
-            let pixel = row * camera.width + column;
-            let missing = warp.samples.missing.is_some_and(|missing| missing[pixel]);
-            if missing { f32::NAN } else { warp.samples.disparity[pixel] }
-        }
-    };
-    let (column, row) = (x as isize, y as isize);
-    let mut half = [0.0_f32; 2];
-    for (step_x, step_y) in [(1, 0), (0, 1)] {
-        let mut side = None;
-        for sign in [1, -1] {
-            let (dx, dy) = (sign * step_x, sign * step_y);
-            let four = [-1, 0, 1, 2].map(|k| at(column + k * dx, row + k * dy));
-            if side.is_none() && joined(four) {
-                let other = &lines[(row + dy) as usize % 3];
-                let neighbour = (column + dx) as usize;
-                let (du, dv) = (other.u[neighbour] - line.u[x], other.v[neighbour] - line.v[x]);
-                side = (!du.is_nan() && !dv.is_nan()).then_some([du, dv]);
+        let [r, g, b] = match warp.samples.pixels {
+            Pixels::Rgb(pixels) => pixels[y * width + x],
+            Pixels::Rgba(pixels) => {
+                let [r, g, b, _] = pixels[y * width + x];
+                [r, g, b]
+            }
+        };
+        let word = word(line.nearness[x], u32::from_le_bytes([r, g, b, 0]) | warp.tag);
+        if hits {
+            pen.hit(cell, word);
+            if covered == 1 {
+                continue;
             }
         }
-        let [du, dv] = side.unwrap_or_else(|| {
-            let (px, py) = (x as f64 + 0.5, y as f64 + 0.5);
-            let beside =
-                warp.mapping.point(px + step_x as f64, py + step_y as f64, f64::from(line.disparity[x]));
-            beside.map_or([0.0; 2], |[u, v, _]| [u as f32 - line.u[x], v as f32 - line.v[x]])
-        });
-        half[0] += 0.5 * du.abs();
-        half[1] += 0.5 * dv.abs();
+        let (u, v) = (line.u[PAD + x], line.v[PAD + x]);
+        let (reach_u, reach_v) = (1.0 / (rectangles.half_u[x] + 0.5), 1.0 / (rectangles.half_v[x] + 0.5));
+        for row in rows[0]..rows[1] {
+            let fade = 255.0 * (1.0 - (row as f32 + 0.5 - v).abs() * reach_v).max(0.0);
+            let first = (row as usize - window.top) * window.stride;
+            for column in columns[0]..columns[1] {
+                let weight = 1 + (fade * (1.0 - (column as f32 + 0.5 - u).abs() * reach_u).max(0.0)) as u32;
+                pen.cover(first + column as usize, word, weight);
+            }
+        }
     }
-    half
 }
