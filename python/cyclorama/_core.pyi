@@ -181,6 +181,9 @@ def depth_mesh_warp(
     keep: bool = False,
     threads: int | None = None,
 ) -> None: ...
+def warp_fill(
+    color: npt.NDArray[np.uint8], depth: npt.NDArray[np.float32], hole: npt.NDArray[np.bool_], method: str
+) -> None: ...
 def warp_forward(
     cameras: CameraArrays,
     images: list[tuple[npt.NDArray[np.uint8], npt.NDArray[np.float32], npt.NDArray[np.bool_] | None]],

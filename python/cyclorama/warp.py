@@ -3,7 +3,8 @@
 Each pixel of an image with depth is a sample of a surface. A forward warp moves the samples to where another camera
 sees them (McMillan and Bishop's warp; section 4.2 of the 1998 dissertation) and leaves a *hole* where none comes to
 lie: behind what hid something from the image, outside of what it saw, and in cracks between samples that moved apart.
-What is guessed for holes is never mixed up with what is known: `Warped.hole` says which is which.
+What is guessed for holes is never mixed up with what is known: `Warped.hole` says which is which, and `fill` is a step
+of its own.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from . import _core
 from .camera import Camera, stack
 from .depth_image import DepthImage
 
-__all__ = ["NO_SOURCE", "Warped", "forward", "map"]
+__all__ = ["NO_SOURCE", "Warped", "fill", "forward", "map"]
 
 NO_SOURCE = np.uint8(0xFF)
 """The image in `Warped.source` of pixels that no sample covers."""
@@ -246,6 +247,58 @@ def map(source: Camera, target: Camera, depth: npt.ArrayLike) -> npt.NDArray[np.
         raise ValueError(f"depth{index.tolist() if len(index) else ''} is {values[tuple(index)]}: it must be positive")
     out = np.empty((*shape, 2))
     _core.warp_map(stack([source, target]), np.ascontiguousarray(np.broadcast_to(1.0 / values, shape)), out)
+    return out
+
+
+def fill(
+    warped: Warped, *, method: Literal["background", "nearest"] = "background", out: Warped | None = None
+) -> Warped:
+    """Guess what holes show, from their edges inward.
+
+    Parameters
+    ----------
+    warped : Warped
+        A picture with holes, W x H pixels.
+    method : {"background", "nearest"}
+        Step by step, each pixel at the edge of a hole takes colour and depth from one of its eight neighbours that are
+        known. "background": from the farthest, since what opens up beside something near belongs to what is behind it.
+        "nearest": from the first, left, right, above, below, then the corners.
+    out : Warped, optional
+        Memory for the answer, of the same size; may be `warped` itself.
+
+    Returns
+    -------
+    Warped
+        With other colours and depths at holes; `hole`, `exact` and `source` still say what they are. A picture that is
+        all hole stays as it is.
+
+    Raises
+    ------
+    ValueError
+        If `method` is none of these, or `out` has another size.
+
+    Examples
+    --------
+    >>> camera = Camera.look_at((0, 0, 4), (0, 0, 0), width=3, height=1)
+    >>> color = np.uint8([[[9, 9, 9], [0, 0, 0], [5, 5, 5]]])
+    >>> image = DepthImage(color, [[4.0, np.inf, 2.0]], camera)
+    >>> filled = fill(forward(image, camera, splat=1))
+    >>> filled.color[0, :, 0], filled.hole[0]
+    (array([9, 9, 5], dtype=uint8), array([False,  True, False]))
+    """
+    if not isinstance(warped, Warped):
+        raise ValueError(f"warped must be a Warped, got {type(warped).__name__}")
+    if method not in ("background", "nearest"):
+        raise ValueError(f"method must be 'background' or 'nearest', got {method!r}")
+    if out is None:
+        out = _fresh(warped.camera)
+    else:
+        _check_out(out, warped.camera)
+        out = Warped(out.color, out.depth, out.hole, out.exact, out.source, warped.camera)
+    for name in _TYPES:
+        if getattr(out, name) is not getattr(warped, name):
+            np.copyto(getattr(out, name), getattr(warped, name))
+    _core.warp_fill(out.color, out.depth, out.hole, method)
     return out
 
 

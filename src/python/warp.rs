@@ -7,6 +7,7 @@ use crate::camera::Camera;
 use crate::control::Control;
 use crate::error::Error;
 use crate::image::warp::canvas::Order;
+use crate::image::warp::fill::{Method, fill};
 use crate::image::warp::forward;
 use crate::image::warp::image::{DepthImage, Pixels};
 use crate::image::warp::mapping::Mapping;
@@ -144,7 +145,29 @@ fn warp_map(
     Ok(())
 }
 
+/// Guesses colours and depths of holes.
+#[pyfunction]
+fn warp_fill(
+    py: Python<'_>,
+    mut color: PyReadwriteArray3<'_, u8>,
+    mut depth: PyReadwriteArray2<'_, f32>,
+    hole: PyReadonlyArray2<'_, bool>,
+    method: &str,
+) -> PyResult<()> {
+    let method = match method {
+        "background" => Method::Background,
+        "nearest" => Method::Nearest,
+        _ => return Err(PyValueError::new_err(format!("no method is called {method:?}"))),
+    };
+    let width = hole.shape()[1];
+    let color = color.as_slice_mut()?.as_chunks_mut().0;
+    let depth = depth.as_slice_mut()?;
+    let hole = row_major("hole", &hole)?;
+    interrupt::brief(py, None, move |_| fill(color, depth, hole, width, method))
+}
+
 pub fn register(m: &Bound<'_, PyModule>) -> PyResult<()> {
+    m.add_function(wrap_pyfunction!(warp_fill, m)?)?;
     m.add_function(wrap_pyfunction!(warp_forward, m)?)?;
     m.add_function(wrap_pyfunction!(warp_map, m)?)
 }

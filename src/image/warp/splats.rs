@@ -442,8 +442,7 @@ fn draw_row<P: Pen>(
         let (columns, rows) = (rectangles.columns[x], rectangles.rows[x]);
         let cell = line.cells[x];
         let hits = cell != window.nowhere;
-        let covered = (columns[1] - columns[0]) * (rows[1] - rows[0]);
-        if covered == 0 && !hits {
+        if !hits && (columns[0] == columns[1] || rows[0] == rows[1]) {
             continue;
         }
         let [r, g, b] = match warp.samples.pixels {
@@ -456,9 +455,6 @@ fn draw_row<P: Pen>(
         let word = word(line.nearness[x], u32::from_le_bytes([r, g, b, 0]) | warp.tag);
         if hits {
             pen.hit(cell, word);
-            if covered == 1 {
-                continue;
-            }
         }
         let (u, v) = (line.u[PAD + x], line.v[PAD + x]);
         let (reach_u, reach_v) = (1.0 / (rectangles.half_u[x] + 0.5), 1.0 / (rectangles.half_v[x] + 0.5));
@@ -467,7 +463,9 @@ fn draw_row<P: Pen>(
             let first = (row as usize - window.top) * window.stride;
             for column in columns[0]..columns[1] {
                 let weight = 1 + (fade * (1.0 - (column as f32 + 0.5 - u).abs() * reach_u).max(0.0)) as u32;
-                pen.cover(first + column as usize, word, weight);
+                if first + column as usize != cell as usize {
+                    pen.cover(first + column as usize, word, weight);
+                }
             }
         }
     }
