@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
+import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
 
-__all__ = ["check_writable", "whole_file"]
+__all__ = ["check_writable", "whole_file", "whole_path"]
 
 
 @contextmanager
@@ -49,6 +50,40 @@ def whole_file(path: str | os.PathLike[str]) -> Iterator[IO[bytes]]:
     except BaseException:
         os.unlink(name)
         raise
+
+
+@contextmanager
+def whole_path(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """As `whole_file`, for libraries that want a name to write to.
+
+    Parameters
+    ----------
+    path : path
+
+    Raises
+    ------
+    OSError
+        If the folder is not there or can't be written to.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     with whole_path(Path(folder) / "answer") as beside:
+    ...         _ = beside.write_bytes(b"42")
+    ...     (Path(folder) / "answer").read_bytes()
+    b'42'
+    """
+    final = Path(path)
+    with whole_file(final) as file:
+        try:
+            with tempfile.TemporaryDirectory(dir=final.parent, prefix=final.name) as folder:
+                beside = Path(folder) / final.name
+                yield beside
+                with open(beside, "rb") as written:
+                    shutil.copyfileobj(written, file)
+        except OSError as error:
+            raise type(error)(error.errno, f"cannot write there: {error.strerror}", str(final)) from None
 
 
 def check_writable(path: str | os.PathLike[str]) -> None:

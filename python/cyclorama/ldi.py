@@ -7,6 +7,7 @@ image, and each surface is stored once, not once for each image that it was seen
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from . import _core
+from . import _core, ldi_storage
 from .camera import Camera, stack
 from .depth_image import DepthImage
 from .placing import camera_through, construction_cameras, quadrilateral
@@ -26,16 +27,21 @@ if TYPE_CHECKING:
     from .scene import Scene
 
 __all__ = [
+    "Faults",
     "LayeredDepthImage",
     "LayeredWarped",
+    "Octree",
     "Stats",
     "camera_through",
     "construction_cameras",
     "quadrilateral",
 ]
 
+# What `_core.Layered.warp_as_paper` says of samples.
+_OUTSIDE, _HIDDEN, _DRAWN = 1, 2, 3
+
 Floats = npt.NDArray[np.float64]
-Cull = Literal["exact"] | Literal[False]
+Cull = Literal["exact", "paper"] | Literal[False]
 
 
 @dataclass(frozen=True)
@@ -76,6 +82,51 @@ class LayeredWarped(Warped):
         )
 
 
+@dataclass(frozen=True)
+class Faults:
+    """What ``cull="paper"`` gets wrong, as shares of all samples.
+
+    Attributes
+    ----------
+    samples : int
+    eliminated : float
+        Left out because they were taken to be hidden.
+    visible_culled : float
+        Left out, or never reached, though the picture without culling shows them.
+    invisible_kept : float
+        Drawn though the picture without culling doesn't show them.
+    """
+
+    samples: int
+    eliminated: float
+    visible_culled: float
+    invisible_kept: float
+
+
+@dataclass(frozen=True, eq=False)
+class Octree:
+    """Nodes of an octree over samples, the root first.
+
+    Attributes
+    ----------
+    low, high : (M, 3) ndarray of float32
+        Bounds: column and row in pixels, disparity.
+    level : (M,) ndarray of int64
+        0 is the root.
+    children : (M,) ndarray of int64
+        The first of eight consecutive children, -1 for a leaf. The first four are the nearer half (greater disparity);
+        of each half the second and fourth are the right ones, the third and fourth the lower ones.
+    count : (M,) ndarray of int64
+        Samples.
+    """
+
+    low: npt.NDArray[np.float32]
+    high: npt.NDArray[np.float32]
+    level: npt.NDArray[np.int64]
+    children: npt.NDArray[np.int64]
+    count: npt.NDArray[np.int64]
+
+
 class LayeredDepthImage:
     """Samples of surfaces by pixel of one camera, nearest first; it never changes once made.
 
@@ -94,6 +145,16 @@ class LayeredDepthImage:
     place : (N, 2) array_like of int, optional
         Where in its pixel a sample lies: how many sixteenths of a pixel right of and below its centre, -8 to 7. At the
         centre by default.
+
+    Attributes
+    ----------
+    camera : Camera
+    merged : tuple of int
+        The construction images that `build` merged, by index.
+    kept : tuple of int
+        How many samples are from the central image and from each of those.
+    errors : tuple of float
+        What `build` found with `max_error`.
 
     Raises
     ------
@@ -142,11 +203,15 @@ class LayeredDepthImage:
             places.astype(np.int8),
         )
         self.camera = camera
+        self.merged: tuple[int, ...] = ()
+        self.kept: tuple[int, ...] = ()
+        self.errors: tuple[float, ...] = ()
 
     @classmethod
     def _of(cls, kernel: _core.Layered, camera: Camera) -> LayeredDepthImage:
         image = cls.__new__(cls)
         image._kernel, image.camera = kernel, camera
+        image.merged = image.kept = image.errors = ()
         return image
 
     @classmethod
@@ -157,6 +222,8 @@ class LayeredDepthImage:
         *,
         tolerance: float = 2.0,
         color_tolerance: int = 64,
+        max_error: float | None = None,
+        held_out: Sequence[DepthImage] | None = None,
         threads: int | None = None,
     ) -> LayeredDepthImage:
         """Merge images into one layered image (section 4.3.1 of the dissertation).
@@ -175,12 +242,21 @@ class LayeredDepthImage:
             Samples conflict where their depths differ by at most so many times the width that a pixel covers there.
         color_tolerance : int
             Conflicting samples are both kept where a channel of their colours differs by more.
+        max_error : float, optional
+            Merge no more construction images than it takes to come below this error, in grey levels of 255: again and
+            again the one that makes the worst error of the held-out images least. The error of an image is the root of
+            the mean squared difference between it and the layered image warped to its camera (3 x 3 splats), over the
+            pixels in which it is not missing; holes count as black. All images are merged if that is not reached.
+        held_out : sequence of DepthImage, optional
+            Images to judge by. By default the construction images, merged or not: others give an honest answer.
         threads : int, optional
             All cores by default. The answer doesn't depend on it.
 
         Returns
         -------
         LayeredDepthImage
+            Its `.merged` says which construction images are in it; `.errors` are the worst errors with the central
+            image alone and after each one, if `max_error` was given.
 
         Raises
         ------
@@ -203,14 +279,52 @@ class LayeredDepthImage:
             raise ValueError(f"tolerance must be finite and at least 0, got {tolerance}")
         if not (isinstance(color_tolerance, (int, np.integer)) and 0 <= color_tolerance <= 255):
             raise ValueError(f"color_tolerance must be an integer from 0 to 255, got {color_tolerance!r}")
-        kernel, _ = _core.Layered.build(
-            stack([image.camera for image in images]),
-            [(image.color, image.disparity, image.missing) for image in images],
+        if max_error is None:
+            if held_out is not None:
+                raise ValueError("held_out is of use only with max_error")
+            return cls._merge(images, range(len(construction)), tolerance, color_tolerance, threads)
+        if not (np.isfinite(max_error) and max_error >= 0):
+            raise ValueError(f"max_error must be finite and at least 0, got {max_error}")
+        judges = list(construction if held_out is None else held_out)
+        for index, image in enumerate(judges):
+            if not isinstance(image, DepthImage):
+                raise ValueError(f"held_out[{index}] must be a DepthImage, got {type(image).__name__}")
+        left = list(range(len(construction)))
+        best = cls._merge(images, [], tolerance, color_tolerance, threads)
+        errors = [_errors(best, judges, threads)]
+        while errors[-1][0] > max_error and left:
+            trials = [
+                cls._merge(images, sorted([*best.merged, index]), tolerance, color_tolerance, threads) for index in left
+            ]
+            found = [_errors(trial, judges, threads) for trial in trials]
+            chosen = min(range(len(left)), key=lambda trial: found[trial])
+            best = trials[chosen]
+            errors.append(found[chosen])
+            del left[chosen]
+        best.errors = tuple(worst for worst, _ in errors)
+        return best
+
+    @classmethod
+    def _merge(
+        cls,
+        images: Sequence[DepthImage],
+        which: Sequence[int],
+        tolerance: float,
+        color_tolerance: int,
+        threads: int | None,
+    ) -> LayeredDepthImage:
+        """The first of the images with some of those after it."""
+        used = [images[0], *(images[1 + index] for index in which)]
+        kernel, kept = _core.Layered.build(
+            stack([image.camera for image in used]),
+            [(image.color, image.disparity, image.missing) for image in used],
             float(tolerance),
             int(color_tolerance),
             threads,
         )
-        return cls._of(kernel, central.camera)
+        image = cls._of(kernel, images[0].camera)
+        image.merged, image.kept = tuple(which), tuple(kept)
+        return image
 
     @classmethod
     def cast(
@@ -341,10 +455,11 @@ class LayeredDepthImage:
     def warp(
         self,
         camera: Camera,
-        splat: int = 3,
+        splat: int | Literal["disparity"] = 3,
         *,
         order: Order = "zbuffer",
         cull: Cull = False,
+        thresholds: tuple[int, int] = (64, 4),
         background: Warped | npt.NDArray[np.uint8] | None = None,
         threads: int | None = None,
         out: Warped | None = None,
@@ -362,8 +477,16 @@ class LayeredDepthImage:
         order : {"zbuffer", "occlusion"}
             Samples are drawn in occlusion-compatible order either way. "zbuffer" also compares depths, which decides
             where two samples share a pixel though their lines through the epipole differ.
-        cull : {False, "exact"}
+        cull : {False, "exact", "paper"}
             "exact" leaves out samples that are hidden: no pixel of the picture changes. It needs ``order="zbuffer"``.
+            "paper" goes front to back through an octree with an occlusion buffer, as the LDI culling paper has it
+            (sections 3.2 and 3.3): splats are opaque at the pixel that a centre falls on and fade to their edges, and
+            what the octree's order gets wrong is wrong in the picture. `cull_faults` counts that. It is there to be
+            compared with, on one thread. Its `splat` may be "disparity": as large as the ratio of the new disparity to
+            the old one.
+        thresholds : (int, int)
+            For "paper": an octree node of fewer samples than the first, or fewer pixels a side than the second, is not
+            divided.
         background, threads, out
             As for `cyclorama.warp.forward`.
 
@@ -389,9 +512,11 @@ class LayeredDepthImage:
         <LayeredWarped: 64 x 48, 20.3 % hole, 3,072 of 3,072 samples drawn>
         """
         _check_camera(camera)
-        size = _splat_size(splat)
-        if cull not in (False, "exact"):
-            raise ValueError(f"cull must be False or 'exact', got {cull!r}")
+        size = _size(splat, cull == "paper")
+        if cull not in (False, "exact", "paper"):
+            raise ValueError(f"cull must be False, 'exact' or 'paper', got {cull!r}")
+        if order not in ("occlusion", "zbuffer"):
+            raise ValueError(f"order must be 'occlusion' or 'zbuffer', got {order!r}")
         if out is None:
             out = _fresh(camera)
         elif not isinstance(out, Warped):
@@ -399,18 +524,162 @@ class LayeredDepthImage:
         elif out.hole.shape != (camera.height, camera.width):
             raise ValueError(f"out has shape {out.hole.shape}, the camera {(camera.height, camera.width)}")
         behind = _colors_behind(background, out)
-        fates = self._kernel.warp(
-            stack(camera),
-            (out.color, out.depth, out.hole, out.exact, out.source),
-            size,
-            order,
-            cull == "exact",
-            None if behind is out.color else behind,
-            behind is out.color,
-            threads,
-        )
-        stats = Stats(self.samples, *fates)
+        keep, arrays = behind is out.color, (out.color, out.depth, out.hole, out.exact, out.source)
+        behind = None if keep else behind
+        if cull == "paper":
+            count, side = _thresholds(thresholds)
+            fates = self._kernel.warp_as_paper(stack(camera), arrays, size, count, side, behind, keep, threads)
+            stats = Stats(self.samples, *(int((fates == fate).sum()) for fate in (_DRAWN, _HIDDEN, _OUTSIDE)))
+        else:
+            counts = self._kernel.warp(stack(camera), arrays, size, order, cull == "exact", behind, keep, threads)
+            stats = Stats(self.samples, *counts)
         return LayeredWarped(out.color, out.depth, out.hole, out.exact, out.source, camera, stats)
+
+    def cull_faults(
+        self, camera: Camera, splat: int | Literal["disparity"] = 3, *, thresholds: tuple[int, int] = (64, 4)
+    ) -> Faults:
+        """What ``cull="paper"`` gets wrong, sample by sample.
+
+        The measure that the LDI culling paper planned (section 4).
+
+        A sample is visible if the warp without culling shows it at its own pixel.
+
+        Parameters
+        ----------
+        camera, splat, thresholds
+            As for `warp`; where `splat` is "disparity", visible is what a warp with 3 x 3 splats shows.
+
+        Examples
+        --------
+        >>> camera = Camera.look_at((0, 0, 4), (0, 0, 0), width=64, height=48)
+        >>> wall = DepthImage(np.full((48, 64, 3), 200, np.uint8), np.full((48, 64), 4.0), camera)
+        >>> LayeredDepthImage.build(wall).cull_faults(camera)
+        Faults(samples=3072, eliminated=0.0, visible_culled=0.0, invisible_kept=0.0)
+        """
+        _check_camera(camera)
+        size = _size(splat, True)
+        out, (count, side) = _fresh(camera), _thresholds(thresholds)
+        arrays = (out.color, out.depth, out.hole, out.exact, out.source)
+        fates = self._kernel.warp_as_paper(stack(camera), arrays, size, count, side)
+        visible = self._kernel.shown(stack(camera), size or 3) > 0
+        drawn = fates == _DRAWN
+        masks = (fates == _HIDDEN, visible & ~drawn, ~visible & drawn)
+        return Faults(self.samples, *(float(mask.sum() / max(1, self.samples)) for mask in masks))
+
+    def octree(self, thresholds: tuple[int, int] = (64, 4)) -> Octree:
+        """The octree over the samples: column, row and disparity are its space (LDI culling paper, section 3.1).
+
+        Parameters
+        ----------
+        thresholds : (int, int)
+            As for `warp`.
+
+        Examples
+        --------
+        >>> camera = Camera.look_at((0, 0, 4), (0, 0, 0), width=16, height=16)
+        >>> wall = DepthImage(np.full((16, 16, 3), 200, np.uint8), np.full((16, 16), 4.0), camera)
+        >>> tree = LayeredDepthImage.build(wall).octree((100, 1))
+        >>> len(tree.level), tree.count[:9]
+        (9, array([256,  64,  64,  64,  64,   0,   0,   0,   0]))
+        """
+        boxes, links = self._kernel.octree(*_thresholds(thresholds))
+        return Octree(boxes[:, :3], boxes[:, 3:], links[:, 0], links[:, 1], links[:, 2])
+
+    def compact(
+        self, cameras: Sequence[Camera], *, loss: float = 0.0, splat: int = 3, threads: int | None = None
+    ) -> LayeredDepthImage:
+        """The fewest samples for some views.
+
+        Parameters
+        ----------
+        cameras : sequence of Camera
+            Views that matter: many eyes of the region that the image is for.
+        loss : float
+            The share of what these views show, in pixels that a sample's centre fell on, that may be lost. With 0 none
+            of their pixels changes.
+        splat : int
+            As for `warp`.
+        threads : int, optional
+            All cores by default.
+
+        Returns
+        -------
+        LayeredDepthImage
+            Samples that no view shows are left out, and those that the fewest pixels show, as long as they are no more
+            than `loss` allows: no smaller set keeps as many pixels as they are.
+
+        Raises
+        ------
+        ValueError
+            If `loss` isn't from 0 to 1, or there are no cameras.
+
+        Examples
+        --------
+        >>> camera = Camera.look_at((0, 0, 4), (0, 0, 0), width=2, height=1)
+        >>> image = LayeredDepthImage(camera, [0, 2, 3], np.zeros((3, 3), np.uint8), [0.5, 0.25, 1.0])
+        >>> image.compact([camera])
+        <LayeredDepthImage: 2 x 1, 2 samples, 1.00 a pixel>
+        """
+        views = list(cameras)
+        if not views:
+            raise ValueError("cameras is empty: no sample would be needed")
+        for view in views:
+            _check_camera(view)
+        if not 0 <= loss <= 1:
+            raise ValueError(f"loss must be from 0 to 1, got {loss}")
+        shown = self._kernel.shown(stack(views), _splat_size(splat), threads).astype(np.int64)
+        order = np.argsort(shown, kind="stable")
+        gone = np.cumsum(shown[order]) <= loss * shown.sum()
+        keep = np.ones(self.samples, np.bool_)
+        keep[order[gone]] = False
+        return self._of(self._kernel.filter(keep), self.camera)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Writes an ``.npz`` that plain NumPy opens, or a deep scanline ``.exr`` (``pip install cyclorama[exr]``).
+
+        Both come back bit for bit; `cyclorama.ldi_storage` says what is in them.
+
+        Parameters
+        ----------
+        path : path
+            Ends in ``.npz`` or ``.exr``. Written under another name first, and renamed when it is whole.
+
+        Raises
+        ------
+        ValueError
+            If it ends otherwise.
+        OSError
+            If it can't be written.
+
+        Examples
+        --------
+        >>> import tempfile
+        >>> from pathlib import Path
+        >>> camera = Camera.look_at((0, 0, 4), (0, 0, 0), width=2, height=1)
+        >>> image = LayeredDepthImage(camera, [0, 2, 3], np.zeros((3, 3), np.uint8), [0.5, 0.25, 1.0])
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     image.save(Path(folder) / "view.npz")
+        ...     LayeredDepthImage.load(Path(folder) / "view.npz")
+        <LayeredDepthImage: 2 x 1, 3 samples, 1.50 a pixel>
+        """
+        ldi_storage.save(self, path)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> LayeredDepthImage:
+        """Reads what `save` wrote.
+
+        Raises
+        ------
+        FileNotFoundError
+            If there is no such file.
+        ValueError
+            If it is cut off, damaged or something else.
+
+        Examples
+        --------
+        See `save`.
+        """
+        return ldi_storage.load(path)
 
     def __repr__(self) -> str:
         pixels = self.camera.width * self.camera.height
@@ -418,6 +687,35 @@ class LayeredDepthImage:
             f"<LayeredDepthImage: {self.camera.width} x {self.camera.height}, {self.samples:,} samples, "
             f"{self.samples / pixels:.2f} a pixel>"
         )
+
+
+def _errors(image: LayeredDepthImage, judges: Sequence[DepthImage], threads: int | None) -> tuple[float, float]:
+    """The worst and the mean error against pictures taken elsewhere, in grey levels."""
+    errors = [0.0]
+    for judge in judges:
+        there = ~judge.missing
+        if there.any():
+            color = np.where(judge.missing[..., None], 0, judge.color[..., :3]).astype(np.float32)
+            difference = (image.warp(judge.camera, threads=threads).color - color)[there]
+            errors.append(float(np.sqrt(np.mean(np.square(difference)))))
+    return max(errors), float(np.mean(errors))
+
+
+def _size(splat: int | Literal["disparity"], as_paper: bool) -> int:
+    """A splat's side, 0 if it follows the disparity."""
+    if splat != "disparity":
+        return _splat_size(splat)
+    if not as_paper:
+        raise ValueError("splat='disparity' is for cull='paper'")
+    return 0
+
+
+def _thresholds(thresholds: tuple[int, int]) -> tuple[int, int]:
+    count, side = thresholds
+    for value in (count, side):
+        if not (isinstance(value, (int, np.integer)) and 1 <= value < 2**31):
+            raise ValueError(f"thresholds must be two integers of at least 1, got {thresholds!r}")
+    return int(count), int(side)
 
 
 def _integers(name: str, values: npt.ArrayLike, shape: tuple[int, ...], least: int, most: int) -> npt.NDArray[Any]:

@@ -7,14 +7,17 @@ use super::warp::{PictureArrays, order};
 use crate::camera::Camera;
 use crate::control::Control;
 use crate::image::layered::build::{Conflict, Picture, build};
+use crate::image::layered::octree::{Octree, Thresholds};
+use crate::image::layered::paper::{self, Splat};
 use crate::image::layered::tiles::Tiles;
-use crate::image::layered::warp::{Cull, Manner, warp};
+use crate::image::layered::warp::{Cull, Manner, shown, warp};
 use crate::image::layered::{Layered, place};
+use crate::image::warp::mapping::Mapping;
 use crate::image::warp::picture::{Background, Picture as Out};
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use std::sync::OnceLock;
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 /// A checked layered depth image that the kernels own.
 #[pyclass(name = "Layered", frozen)]
@@ -22,11 +25,27 @@ pub struct PyLayered {
     image: Layered,
     /// The samples as they are drawn, sorted at the first warp.
     tiles: OnceLock<Tiles>,
+    octree: Mutex<Option<(Thresholds, Arc<Octree>)>>,
+}
+
+impl PyLayered {
+    /// The octree with these thresholds: the one of the last call, if it had the same.
+    fn divided(&self, thresholds: Thresholds) -> Arc<Octree> {
+        let mut kept = self.octree.lock().unwrap_or_else(PoisonError::into_inner);
+        match &*kept {
+            Some((with, tree)) if *with == thresholds => tree.clone(),
+            _ => {
+                let tree = Arc::new(Octree::new(&self.image, thresholds));
+                *kept = Some((thresholds, tree.clone()));
+                tree
+            }
+        }
+    }
 }
 
 impl From<Layered> for PyLayered {
     fn from(image: Layered) -> Self {
-        Self { image, tiles: OnceLock::new() }
+        Self { image, tiles: OnceLock::new(), octree: Mutex::new(None) }
     }
 }
 
@@ -143,6 +162,100 @@ impl PyLayered {
             warp(&self.image, tiles, &target, manner, background, picture, control)
         })?;
         Ok((fates.drawn, fates.hidden, fates.outside))
+    }
+
+    /// Warps to a camera as the LDI culling paper does; says of each sample what became of it: its node was not reached,
+    /// lies outside, was hidden, was drawn. A splat's `size` is 0 where it is as large as disparities say.
+    #[pyo3(signature = (camera, out, size, count, side, background=None, keep=false, threads=None))]
+    #[expect(clippy::too_many_arguments, reason = "one keyword each in Python")]
+    fn warp_as_paper<'py>(
+        &self,
+        py: Python<'py>,
+        camera: CameraArrays<'_>,
+        mut out: PictureArrays<'_>,
+        size: usize,
+        count: usize,
+        side: usize,
+        background: Option<PyReadonlyArray3<'_, u8>>,
+        keep: bool,
+        threads: Option<i64>,
+    ) -> PyResult<Bound<'py, PyArray1<u8>>> {
+        let target = one(&camera)?;
+        let splat = if size == 0 { Splat::Disparity } else { Splat::Fixed(size / 2) };
+        let background = match &background {
+            _ if keep => Background::Kept,
+            Some(picture) => Background::Picture(row_major("background", picture)?.as_chunks().0),
+            None => Background::Black,
+        };
+        let mut picture = Out {
+            color: out.0.as_slice_mut()?.as_chunks_mut().0,
+            depth: out.1.as_slice_mut()?,
+            hole: out.2.as_slice_mut()?,
+            exact: out.3.as_slice_mut()?,
+            source: out.4.as_slice_mut()?,
+        };
+        let tree = self.divided(Thresholds { count, size: side });
+        let fates = interrupt::run(py, threads, None, move |control| {
+            paper::warp(&self.image, &tree, &target, splat, background, &mut picture, control)
+        })?;
+        Ok(PyArray1::from_vec(py, fates))
+    }
+
+    /// The nodes of the octree over the samples: their boxes (column, row, disparity; low, then high), and level, first
+    /// child (or -1) and number of samples.
+    fn octree<'py>(
+        &self,
+        py: Python<'py>,
+        count: usize,
+        side: usize,
+    ) -> PyResult<(Bound<'py, PyArray2<f32>>, Bound<'py, PyArray2<i64>>)> {
+        let tree = self.divided(Thresholds { count, size: side });
+        let boxes = tree.nodes.iter().flat_map(|node| node.low.into_iter().chain(node.high));
+        let links = tree.nodes.iter().flat_map(|node| {
+            let children = if node.is_leaf() { -1 } else { i64::from(node.children) };
+            [i64::from(node.level), children, i64::from(node.end - node.start)]
+        });
+        let n = tree.nodes.len();
+        Ok((PyArray1::from_iter(py, boxes).reshape([n, 6])?, PyArray1::from_iter(py, links).reshape([n, 3])?))
+    }
+
+    /// The epipolar node for a camera, and the isometric nodes.
+    fn epipolar_nodes(
+        &self,
+        camera: CameraArrays<'_>,
+        count: usize,
+        side: usize,
+    ) -> PyResult<(u32, Vec<u32>)> {
+        let mapping = Mapping::new(self.image.camera(), &one(&camera)?)?;
+        Ok(paper::epipolar_nodes(&self.divided(Thresholds { count, size: side }), &mapping))
+    }
+
+    /// In how many pictures of the cameras each sample is shown by its own pixel.
+    #[pyo3(signature = (cameras, size, threads=None))]
+    fn shown<'py>(
+        &self,
+        py: Python<'py>,
+        cameras: CameraArrays<'_>,
+        size: usize,
+        threads: Option<i64>,
+    ) -> PyResult<Bound<'py, PyArray1<u32>>> {
+        let targets = self::cameras(&cameras)?;
+        let counts =
+            interrupt::run(py, threads, None, |control| shown(&self.image, &targets, size / 2, control))?;
+        Ok(PyArray1::from_vec(py, counts))
+    }
+
+    /// The same image with only the samples that are set in `keep`.
+    fn filter(&self, keep: PyReadonlyArray1<'_, bool>) -> PyResult<Self> {
+        let keep = row_major("keep", &keep)?;
+        if keep.len() != self.image.len() {
+            return Err(PyValueError::new_err(format!(
+                "keep has {} entries, the image {} samples",
+                keep.len(),
+                self.image.len()
+            )));
+        }
+        Ok(self.image.filter(|sample| keep[sample]).into())
     }
 
     fn __len__(&self) -> usize {

@@ -6,6 +6,8 @@
 //! what construction images bring by up to half a pixel; that byte costs nothing and keeps it in place.
 
 pub mod build;
+pub mod octree;
+pub mod paper;
 pub mod place;
 pub mod tiles;
 pub mod warp;

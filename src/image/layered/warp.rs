@@ -112,6 +112,32 @@ pub fn warp(
     Ok(fates)
 }
 
+/// In how many pictures of some cameras each sample is shown by its own pixel.
+///
+/// # Errors
+/// As [`warp`].
+pub fn shown(
+    layered: &Layered,
+    targets: &[Camera],
+    radius: usize,
+    control: &Control,
+) -> Result<Vec<u32>, Error> {
+    let tiles = Tiles::new(layered, |sample| sample as u32);
+    let manner = Manner { order: Order::Depth, radius, cull: Cull::Outside };
+    let mut counts = vec![0; layered.len()];
+    for target in targets {
+        target.check()?;
+        let mut canvas = Canvas::new(target.width, target.height);
+        draw(layered, &tiles, target, manner, &mut canvas, control)?;
+        for y in 0..target.height {
+            for &word in canvas.row(y).iter().filter(|&&word| word != 0) {
+                counts[word as u32 as usize] += 1;
+            }
+        }
+    }
+    Ok(counts)
+}
+
 /// Draws what [`warp`] shows onto a canvas; cracks are empty in it.
 ///
 /// # Errors
