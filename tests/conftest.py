@@ -75,6 +75,31 @@ def real_scene(data: Path) -> Callable[[str], cyc.Scene]:
     return _scene
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--figures", type=Path, metavar="FOLDER", help="draw figures of where methods fail into a folder")
+
+
+@pytest.fixture
+def figure(request: pytest.FixtureRequest) -> Callable[..., None]:
+    """`figure({title: picture, ...})` draws pictures side by side, named after the test, if `--figures` asks."""
+    folder: Path | None = request.config.getoption("--figures")
+
+    def draw(pictures: dict[str, npt.NDArray[np.uint8]]) -> None:
+        if folder is None:
+            return
+        pyplot = pytest.importorskip("matplotlib.pyplot", reason="needs matplotlib to draw figures")
+        folder.mkdir(parents=True, exist_ok=True)
+        drawing, panels = pyplot.subplots(1, len(pictures), figsize=(4 * len(pictures), 3.6), squeeze=False)
+        for panel, (title, picture) in zip(panels[0], pictures.items(), strict=True):
+            panel.imshow(picture, interpolation="nearest")
+            panel.set_title(title, fontsize=9)
+            panel.set_axis_off()
+        drawing.savefig(folder / f"{request.node.name}.png", dpi=120, bbox_inches="tight")
+        pyplot.close(drawing)
+
+    return draw
+
+
 @pytest.fixture
 def rng() -> np.random.Generator:
     return np.random.default_rng(20020607)

@@ -1,0 +1,270 @@
+"""Where warping fails, shown: by how much, and what is there instead of a picture.
+
+``pytest tests/test_warp_failures.py --figures FOLDER`` draws a figure for each test. Holes are drawn magenta there.
+"""
+
+import time
+
+import numpy as np
+import pytest
+
+import cyclorama as cyc
+from cyclorama import Camera, DepthImage, LayeredDepthImage, quality, warp
+
+MAGENTA = (255, 0, 255)
+SPLATS = (1, 3, "projected", "disparity", "mesh")
+
+
+def looking(eye, forward=(0.0, 0.0, -1.0), size=(200, 150), fov_y=50.0):
+    turned = Camera.look_at((0, 0, 0), forward, fov_y=fov_y, width=size[0], height=size[1])
+    pose = turned.world_to_camera.copy()
+    pose[:3, 3] = -pose[:3, :3] @ eye
+    return turned.replace(world_to_camera=pose)
+
+
+def shown(warped):
+    picture = warped.color.copy()
+    picture[warped.hole] = MAGENTA
+    return picture
+
+
+def quad(low, high, z):
+    """Two triangles of an upright rectangle."""
+    (x0, y0), (x1, y1) = low, high
+    return [[x0, y0, z], [x1, y0, z], [x1, y1, z], [x0, y1, z]]
+
+
+def scene_of(*quads):
+    vertices = np.concatenate(quads)
+    faces = np.concatenate([np.array([[0, 1, 2], [0, 2, 3]]) + 4 * k for k in range(len(quads))])
+    return cyc.Scene(vertices, faces)
+
+
+def plain(camera, depth, color=200):
+    shape = camera.height, camera.width
+    return DepthImage(np.full((*shape, 3), color, np.uint8), np.broadcast_to(depth, shape), camera)
+
+
+def test_disocclusion_behind_a_pole(figure):
+    """What no reference saw is a hole, of the width that geometry says; a second reference fills it."""
+    scene = scene_of(quad((-9, -9), (9, 9), -6), quad((-0.15, -9), (0.15, 9), -2))
+    here, there, beyond = (looking((x, 0, 0)) for x in (0, 0.2, 0.5))
+    images = [quality.textured(scene, camera, grain=0.4) for camera in (here, beyond)]
+    truth = quality.textured(scene, there, grain=0.4)
+    seen = quality.seen(scene, truth, here)
+    f = here.K[0, 0]
+    # Between the right edge of the pole and what was beside it on the wall: 0.2 (f / 2 - f / 6) pixels.
+    width = 0.2 * (f / 2 - f / 6)
+    middle = slice(0, here.width - int(0.2 * f / 6) - 1)
+    pictures = {"truth": truth.color}
+    for splat, eaten in ((1, 1), (3, 3), ("mesh", 2)):
+        out = warp.forward(images[0], there, splat=splat)
+        hole = out.hole[75, middle]
+        assert width - eaten <= hole.sum() <= width + 1
+        assert not (out.hole & seen)[:, 1:-1].mean() > 0.002
+        # Filling is a guess that says so.
+        assert (warp.fill(out).hole == out.hole).all()
+        pictures[f"splat={splat!r}"] = shown(out)
+    both = warp.forward(images[::-1], there, splat="mesh")
+    either = quality.seen(scene, truth, [here, beyond])
+    assert quality.compare(both, truth, either).cracks < 0.002 and not both.hole[:, middle].any()
+    figure(pictures | {"two references": shown(both)})
+
+
+def test_grazing_surfaces(figure):
+    """A floor seen almost edge-on has few samples for the view from above: splats leave cracks, a mesh only blur."""
+    floor = cyc.Scene([[-9, -1, 9], [9, -1, 9], [9, -1, -40], [-9, -1, -40]], [[0, 1, 2], [0, 2, 3]])
+    here = Camera.look_at((0, -0.9, 0), (0, -1.2, -3), fov_y=50, width=200, height=150)
+    there = Camera.look_at((0, 0.6, 0), (0, -1, -3), fov_y=50, width=200, height=150)
+    image, truth = (quality.textured(floor, camera, grain=0.1) for camera in (here, there))
+    seen = quality.seen(floor, truth, here)
+    measured = {s: quality.compare(warp.forward(image, there, splat=s), truth, seen) for s in SPLATS}
+    assert measured[1].cracks > 0.5 and measured[3].cracks > 0.2
+    assert measured["mesh"].cracks < 0.005
+    # There is hardly a crack, and no detail either: where ten rows of the picture come from one of the reference, nothing
+    # could be better. The answer is another reference, not another reconstruction.
+    assert measured["mesh"].known_psnr < 25
+    assert (image.joins[image.points()[..., 2] > -30] & 3 == 3).mean() > 0.95
+    pictures = {"reference": image.color, "truth": truth.color}
+    figure(pictures | {f"splat={s!r}": shown(warp.forward(image, there, splat=s)) for s in SPLATS})
+
+
+@pytest.mark.parametrize("closer", [2.0, 4.0])
+def test_the_new_view_is_closer_than_the_reference(figure, closer):
+    """A splat of n pixels has no cracks up to n times as close; beyond, the share that geometry says."""
+    scene = scene_of(quad((-9, -9), (9, 9), -4))
+    here, there = looking((0, 0, 0)), looking((0, 0, -4 * (1 - 1 / closer)))
+    image, truth = (quality.textured(scene, camera, grain=0.2) for camera in (here, there))
+    pictures = {"truth": truth.color}
+    for splat in SPLATS:
+        out = warp.forward(image, there, splat=splat)
+        cracks = out.hole.mean()
+        expected = 1 - min(1, (splat if isinstance(splat, int) else closer) / closer) ** 2
+        assert cracks == pytest.approx(expected, abs=0.03)
+        pictures[f"splat={splat!r}, {100 * cracks:.0f} % hole"] = shown(out)
+    figure(pictures)
+
+
+@pytest.mark.parametrize("order", ["occlusion", "zbuffer"])
+def test_a_move_to_behind_the_reference(figure, order):
+    """The reference fills less than the picture, nearer samples still hide farther ones, and all around is hole."""
+    scene = scene_of(quad((-99, -99), (99, 99), -6), quad((-0.5, -0.5), (0.5, 0.5), -2))
+    here, there = looking((0, 0, 0)), looking((0, 0, 2))
+    image, truth = (quality.textured(scene, camera, grain=0.4) for camera in (here, there))
+    seen = quality.seen(scene, truth, here)
+    pictures = {"truth": truth.color}
+    for splat in (1, 3, "mesh"):
+        out = warp.forward(image, there, splat=splat, order=order)
+        # The wall, 6 away, is 8 away now: the reference's picture is 3 / 4 as large, less what the square hid.
+        wall = 6 / 8 * np.array((200, 150))
+        assert out.hole[: int(75 - wall[1] / 2) - 2].all() and out.hole[:, : int(100 - wall[0] / 2) - 2].all()
+        assert (out.hole & seen).mean() < 0.01 and (~out.hole & ~seen).mean() < 0.04
+        # The near square is where it is: nothing of the wall drawn over it.
+        near = (truth.depth < 5) & seen
+        assert near.sum() > 200 and (out.depth[near] < 5).mean() > (0.999 if splat == "mesh" else 0.97)
+        pictures[f"splat={splat!r}"] = shown(out)
+    beyond = warp.forward(image, looking((0, 0, -7)))
+    assert beyond.hole.all()
+    figure(pictures)
+
+
+def test_two_surfaces_within_the_depth_tolerance(figure):
+    """Of two sheets closer than the tolerance a layered image keeps one; a mesh takes small steps for one surface."""
+    here, aside = looking((0, 0, 0)), looking((0.5, 0, 0))
+    pixel = 1 / here.K[0, 0]
+    samples, pictures = {}, {}
+    for apart in (0.5, 4.0, 64.0):
+        # In front half a sheet, behind it a whole one; the second image sees some of it beside the first.
+        gap = 4 * apart * pixel
+        scene = scene_of(quad((-9, -9), (9, 9), -4 - gap), quad((-9, -9), (0, 9), -4))
+        central, other = (
+            DepthImage.from_view(view, color=np.full((150, 200, 3), 128, np.uint8))
+            for view in (scene.render(here), scene.render(aside))
+        )
+        layered = LayeredDepthImage.build(central, [other], tolerance=2.0)
+        samples[apart] = layered.samples
+        step = central.joins[75, :-1] & 1 == 0
+        # One surface to the mesh at half a pixel's width, not at 64.
+        assert step.sum() == (0 if apart < 16 else 1)
+        warped = warp.forward(central, aside, splat="mesh")
+        pictures[f"{apart:g} pixels apart"] = shown(warped)
+        true_hole = 0.5 * here.K[0, 0] * (1 / 4 - 1 / (4 + gap))
+        # What opens between them is papered over by the mesh where it isn't cut: a guess of so many pixels.
+        papered = true_hole - warped.hole[75, :-25].sum()
+        assert -1 <= papered <= 1.5
+    assert samples[0.5] <= samples[4.0] <= samples[64.0]
+    figure(pictures)
+
+
+def test_mixed_pixels_at_silhouettes(figure):
+    """A pixel that averages two surfaces is at a depth where nothing is: it floats, unless it is masked."""
+    scene = scene_of(quad((-9, -9), (9, 9), -6), quad((-0.5, -0.5), (0.53, 0.53), -2))
+    here, there = looking((0, 0, 0)), looking((0.3, 0, 0))
+    # As a sensor does: the mean over each pixel of colour and of disparity.
+    fine = quality.textured(scene, here.scaled(4), grain=0.5)
+
+    def mean(a):
+        return a.reshape(150, 4, 200, 4, -1).mean(axis=(1, 3))
+
+    color = np.rint(mean(fine.color)).astype(np.uint8)
+    disparity = mean(fine.disparity)[..., 0]
+    mixed_image = DepthImage.from_disparity(color, disparity, here)
+    mixed = (disparity > 1 / 5.9) & (disparity < 1 / 2.05)
+    assert 100 < mixed.sum() < 1000
+    masked_image = DepthImage.from_disparity(color, disparity, here, missing=mixed)
+    truth = quality.textured(scene, there, grain=0.5)
+    seen = quality.seen(scene, truth, here)
+    pictures, floating = {"truth": truth.color}, {}
+    for name, image in (("mixed", mixed_image), ("masked", masked_image)):
+        for splat in (1, 3, "mesh"):
+            out = warp.forward(image, there, splat=splat)
+            floating[name, splat] = int((~out.hole & (out.depth > 2.05) & (out.depth < 5.9)).sum())
+            pictures[f"{name}, splat={splat!r}"] = shown(out)
+            measured = quality.compare(out, truth, seen)
+            assert measured.cracks < 0.02
+    assert all(floating["mixed", splat] > 50 for splat in (1, 3, "mesh"))
+    assert all(floating["masked", splat] == 0 for splat in (1, 3, "mesh"))
+    figure(pictures)
+
+
+def test_a_scene_at_infinity(figure):
+    """What is infinitely far stays where it is when the eye moves, and turns with it; there is no depth to compare."""
+    here = looking((0, 0, 0))
+    height, width = here.height, here.width
+    rng = np.random.default_rng(0)
+    color = rng.integers(0, 256, (height, width, 3), dtype=np.uint8)
+    sky = DepthImage.from_disparity(color, np.zeros((height, width)), here)
+    pictures = {"reference": color}
+    for splat in (1, "mesh"):
+        for order in ("occlusion", "zbuffer"):
+            moved = warp.forward(sky, looking((1e6, -3, 20)), splat=splat, order=order)
+            assert (moved.color == color).all() and not moved.hole.any() and np.isinf(moved.depth).all()
+            turned = looking((5, 5, 5), (0.1, 0.05, -1))
+            out = warp.forward(sky, turned, splat=splat, order=order)
+            assert np.isinf(out.depth).all() and 0.1 < out.hole.mean() < 0.6
+            pictures[f"turned, {splat!r}, {order}"] = shown(out)
+    # Something in front of it hides it from everywhere.
+    post = np.zeros((height, width))
+    post[:, 90:110] = 0.5
+    both = DepthImage.from_disparity(color, post, here)
+    for splat in (1, "mesh"):
+        out = warp.forward(both, looking((0.2, 0, 0)), splat=splat)
+        shift = round(0.2 * here.K[0, 0] / 2)
+        assert (out.depth[:, 92 - shift : 108 - shift] < 3).all()
+        assert out.hole[:, 112 - shift : 108].all()
+    figure(pictures)
+
+
+@pytest.mark.parametrize("splat", SPLATS)
+def test_a_one_pixel_image(figure, splat):
+    """One sample is one splat, of its own pixel's size where the size is its own; nothing breaks."""
+    here = looking((0, 0, 0), size=(1, 1), fov_y=40)
+    dot = plain(here, 2.0)
+    out = warp.forward(dot, here, splat=splat)
+    assert not out.hole.any() and (out.color == 200).all() and out.depth[0, 0] == pytest.approx(2)
+    larger = here.with_size(9, 9)
+    out = warp.forward(dot, larger, splat=splat)
+    assert (~out.hole).sum() == {1: 1, 3: 9, "projected": 81, "disparity": 81, "mesh": 81}[splat]
+    away = warp.forward(dot, looking((5, 0, 0), size=(9, 9), fov_y=40), splat=splat)
+    assert away.hole.all() and (away.color == 0).all() and np.isinf(away.depth).all()
+    missing = DepthImage(dot.color, np.full((1, 1), np.inf), here)
+    assert warp.forward(missing, larger, splat=splat).hole.all()
+    figure({f"splat={splat!r}": shown(out)})
+
+
+@pytest.mark.parametrize("splat", SPLATS)
+def test_extreme_disparity(figure, splat):
+    """Depths sixty powers of ten apart: what is drawn is drawn where float64 says, and no time is lost."""
+    here = looking((0, 0, 0), size=(60, 40))
+    rng = np.random.default_rng(0)
+    color = rng.integers(0, 256, (40, 60, 3), dtype=np.uint8)
+    image = DepthImage(color, 10.0 ** rng.uniform(-30, 30, (40, 60)), here)
+    for distance in (0.0, 1e-25, 1e-3, 1.0, 1e25):
+        there = looking((distance, 0.3 * distance, -0.1 * distance), size=(60, 40))
+        start = time.perf_counter()
+        out = warp.forward(image, there, splat=splat)
+        assert time.perf_counter() - start < 2
+        known = ~out.hole
+        assert (out.depth[known] > 0).all() and not np.isnan(out.depth).any()
+        at = warp.map(here, there, image.depth)
+        inside = np.isfinite(at).all(axis=-1) & (at >= 0).all(axis=-1) & (at < (60, 40)).all(axis=-1)
+        if distance == 0 and splat in (1, "mesh"):
+            assert (out.color == color).all()
+        # Samples that stay in the picture are in it, or behind others.
+        x, y = np.floor(at[inside]).astype(int).T
+        assert known[y, x].mean() > 0.98
+    figure({f"splat={splat!r}": shown(out)})
+
+
+def test_an_eye_on_the_surface_takes_no_time(figure):
+    """A mesh whose triangles fill the whole picture, each: the largest are drawn, and those behind the eye are not."""
+    here = looking((0, 0, 0), size=(320, 240))
+    x = np.linspace(0, 40, 320)
+    image = plain(here, 2 + 0.01 * np.sin(x))
+    for eye in ((0, 0, -1.9899), (0.3, 0, -1.995), (0, 0, -2.0)):
+        for forward in ((0, 0, -1), (1, 0, 0), (1, 0, -0.01)):
+            start = time.perf_counter()
+            out = warp.forward(image, looking(eye, forward, size=(320, 240)), splat="mesh")
+            assert time.perf_counter() - start < 2
+            assert (out.depth[~out.hole] > 0).all()
+    figure({"eye on the surface": shown(out)})
