@@ -81,8 +81,8 @@ def test_grazing_surfaces(figure):
     measured = {s: quality.compare(warp.forward(image, there, splat=s), truth, seen) for s in SPLATS}
     assert measured[1].cracks > 0.5 and measured[3].cracks > 0.2
     assert measured["mesh"].cracks < 0.005
-    # There is hardly a crack, and no detail either: where ten rows of the picture come from one of the reference, nothing
-    # could be better. The answer is another reference, not another reconstruction.
+    # There is hardly a crack, and no detail either: where ten rows of the picture come from one of the reference,
+    # nothing could be better. The answer is another reference, not another reconstruction.
     assert measured["mesh"].known_psnr < 25
     assert (image.joins[image.points()[..., 2] > -30] & 3 == 3).mean() > 0.95
     pictures = {"reference": image.color, "truth": truth.color}

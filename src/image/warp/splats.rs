@@ -354,8 +354,8 @@ fn within(centre: f32, half: &mut f32, low: f32, high: f32) -> [i32; 2] {
     let from = (centre - *half - SLACK - 0.5).ceil();
     let to = (centre + *half + SLACK - 0.5).ceil();
     // Comparisons with NaN are false: such a sample covers nothing.
-    let from = if from > low { from } else { low };
-    let to = if to < high { to } else { high };
+    let from = if from < low { low } else { from };
+    let to = if to > high { high } else { to };
     let covers = to > from;
     let (from, to) = (if covers { from } else { 0.0 }, if covers { to } else { 0.0 });
     // SAFETY: both lie within an image, whose sides are well below 2^31.
