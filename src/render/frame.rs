@@ -11,6 +11,9 @@ pub const FACE_BITS: u32 = 26;
 
 const FACE_MASK: u64 = (1 << FACE_BITS) - 1;
 
+/// What is drawn nowhere near: nearer than anything, of no face.
+pub const CLOSED: u64 = !FACE_MASK;
+
 /// Side of the squares of samples that are filled, and hidden things looked for, together.
 pub const TILE: usize = 8;
 
@@ -51,6 +54,25 @@ impl Frame {
         self.samples[..count].fill(0);
         for row in self.samples[..count].chunks_exact_mut(self.stride) {
             row[width..].fill(u64::MAX);
+        }
+    }
+
+    /// Clears the squares of `side` samples that are `open` to nothing seen, and fills all others with what hides
+    /// everything and is no face; `side` is a multiple of [`TILE`].
+    pub fn clear_some(
+        &mut self,
+        width: usize,
+        height: usize,
+        side: usize,
+        open: impl Fn(usize, usize) -> bool,
+    ) {
+        self.clear(width, height);
+        for (y, row) in self.samples[..self.stride * height].chunks_exact_mut(self.stride).enumerate() {
+            for (column, samples) in row[..width].chunks_mut(side).enumerate() {
+                if !open(column, y / side) {
+                    samples.fill(CLOSED);
+                }
+            }
         }
     }
 

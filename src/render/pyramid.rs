@@ -64,6 +64,20 @@ impl Pyramid {
         self.touch(&PixelBox { x: 0..band.width, y: band.rows.clone() });
     }
 
+    /// Bounds of a band in whose tiles all samples are alike.
+    pub fn read_tiles(&mut self, band: &Band<'_>) {
+        self.read(band);
+        let level = &mut self.levels[0];
+        for row in 0..level.rows {
+            let samples = band.samples[row * TILE * band.stride..].iter().step_by(TILE);
+            let line = row * level.columns..(row + 1) * level.columns;
+            for (farthest, &sample) in level.farthest[line.clone()].iter_mut().zip(samples) {
+                *farthest = sample;
+            }
+            level.stale[line].fill(false);
+        }
+    }
+
     /// Says that something was drawn within a box.
     pub fn touch(&mut self, area: &PixelBox) {
         if area.x.is_empty() || area.y.is_empty() {

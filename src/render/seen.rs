@@ -1,6 +1,6 @@
 //! From an id-buffer to a row of bits.
 
-use super::frame::{Frame, face_or};
+use super::frame::{CLOSED, Frame, TILE, face_or};
 
 /// Marks of faces, a byte each: what a thread keeps to collect them in.
 ///
@@ -19,8 +19,14 @@ impl Seen {
         let (marks, nothing) = (&mut self.marks[..], faces as u32);
         let last = marks.len() - 1;
         for samples in frame.rows() {
-            for &sample in samples {
-                marks[(face_or(sample, nothing) as usize).min(last)] = 1;
+            for tile in samples.chunks(TILE) {
+                // Whole tiles are closed or none of it.
+                if tile[0] == CLOSED {
+                    continue;
+                }
+                for &sample in tile {
+                    marks[(face_or(sample, nothing) as usize).min(last)] = 1;
+                }
             }
         }
         marks[faces] = 0;

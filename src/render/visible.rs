@@ -118,13 +118,10 @@ fn look(
     scratch: &mut Scratch,
 ) -> Result<(), Error> {
     let Scratch { frame, painter, seen, confirm } = scratch;
-    let mut draw = |view: &View, frame: &mut Frame, row: &mut [u64]| {
-        frame.clear(view.width, view.height);
-        scene.draw_band(view, engine, painter, &mut frame.whole());
-        seen.collect(frame, scene.mesh().faces().len(), row);
-    };
     let view = &View::new(scene.mesh(), camera);
-    draw(view, frame, row);
+    frame.clear(view.width, view.height);
+    scene.draw_band(view, engine, painter, &mut frame.whole());
+    seen.collect(frame, scene.mesh().faces().len(), row);
     match fill {
         Fill::Bare => {}
         Fill::Neighbours { rings } => {
@@ -139,7 +136,11 @@ fn look(
             }
         }
         Fill::Rays(rays) => {
-            confirm.look(scene, camera, rays, frame, row, draw);
+            confirm.look(scene, camera, rays, frame, row, |view, frame, row| {
+                let set = InstructionSet::best();
+                painter.draw_some(set, view, scene.clusters(), &mut frame.whole());
+                seen.collect(frame, scene.mesh().faces().len(), row);
+            });
         }
     }
     for face in scene.transparent_faces() {
@@ -177,8 +178,7 @@ pub fn stages(
         watch.lap(Stage::Scan);
         if let Some(rays) = rays {
             confirm.look(scene, camera, rays, &mut frame, &mut row, |view, frame, row| {
-                frame.clear(view.width, view.height);
-                painter.draw(set, view, scene.clusters(), &mut frame.whole());
+                painter.draw_some(set, view, scene.clusters(), &mut frame.whole());
                 seen.collect(frame, faces, row);
             });
             watch.lap(Stage::Confirm);

@@ -1,21 +1,18 @@
 //! The faces that may be seen though the picture does not show them.
 
 use super::points::OPEN;
+use super::unclear::{Busy, RING, Unclear, in_border};
 use crate::camera::Projection;
 use crate::mesh::Mesh;
 use crate::render::clusters::Clusters;
-use crate::render::frame::{Band, TILE};
+use crate::render::frame::Band;
 use crate::render::lanes::{InstructionSet, Kernel, Lanes, MOST_LANES};
 use crate::render::pyramid::{PixelBox, Pyramid};
 use crate::render::raster::cluster::Projected;
 use crate::render::raster::pixel_box;
 use crate::render::raster::walk::{Stop, Visitor, walk};
-use crate::render::triangle::{Nearness, Triangle};
+use crate::render::triangle::Nearness;
 use crate::render::view::{Vertex, View};
-use std::ops::Range;
-
-/// How far beyond its corners a face's box reaches, so that it has the samples around it.
-const RING: f64 = 1.0;
 
 /// Faces to be tested.
 #[derive(Default)]
@@ -39,29 +36,35 @@ impl Candidates {
         clusters: &Clusters,
         pyramid: &mut Pyramid,
         band: &Band<'_>,
+        unclear: &mut Unclear,
         known: impl Fn(u32) -> bool,
     ) {
         self.unclear = 0;
         self.ids.clear();
         self.corners.clear();
-        let gather = Gather { candidates: self, view, clusters, pyramid, band, known };
+        let gather = Gather { candidates: self, view, clusters, pyramid, band, unclear, known };
         InstructionSet::best().run(gather);
         self.pad();
     }
 
-    /// Keeps those that a finer picture neither shows nor hides; from now on they are as `view`, its own, sees them.
-    pub fn sift(
+    /// Keeps those that the picture leaves open somewhere, and says where.
+    pub fn find_busy(
         &mut self,
         view: &View,
-        mesh: &Mesh,
         pyramid: &mut Pyramid,
         band: &Band<'_>,
-        known: impl Fn(u32) -> bool,
+        unclear: &mut Unclear,
+        busy: &mut Busy,
     ) {
+        InstructionSet::best().run(FindBusy { candidates: self, view, pyramid, band, unclear, busy });
+    }
+
+    /// Keeps those that are not known; from now on they are as `view` sees them.
+    pub fn project(&mut self, view: &View, mesh: &Mesh, known: impl Fn(u32) -> bool) {
+        self.retain_by(|id, _, _| !known(id));
         for (corners, &id) in self.corners.iter_mut().zip(&self.ids) {
             *corners = view.project_face(mesh, id);
         }
-        InstructionSet::best().run(Sift { candidates: self, view, pyramid, band, known });
     }
 
     pub fn len(&self) -> usize {
@@ -141,6 +144,7 @@ struct Gather<'a, 'b, K: Fn(u32) -> bool> {
     clusters: &'a Clusters,
     pyramid: &'a mut Pyramid,
     band: &'a Band<'b>,
+    unclear: &'a mut Unclear,
     known: K,
 }
 
@@ -185,7 +189,8 @@ impl<L: Lanes, K: Fn(u32) -> bool> Visitor<L> for Gather<'_, '_, K> {
             let word = nearest(view, &face);
             if !hides::<L>(self.pyramid, self.band, view, &area, word) {
                 *unclear += 1;
-                if !hides_closely::<L>(self.pyramid, self.band, view, &area, &face, word) {
+                let small = area.x.len() * area.y.len() <= SMALL_BOX;
+                if small || self.unclear.look::<L>(self.pyramid, self.band, view, &face, area) {
                     ids.push(id);
                     corners.push(face);
                 }
@@ -202,38 +207,38 @@ impl<L: Lanes, K: Fn(u32) -> bool> Visitor<L> for Gather<'_, '_, K> {
     }
 }
 
-/// [`Candidates::sift`] as a kernel.
-struct Sift<'a, 'b, K: Fn(u32) -> bool> {
+/// [`Candidates::find_busy`] as a kernel.
+struct FindBusy<'a, 'b> {
     candidates: &'a mut Candidates,
     view: &'a View,
     pyramid: &'a mut Pyramid,
     band: &'a Band<'b>,
-    known: K,
+    unclear: &'a mut Unclear,
+    busy: &'a mut Busy,
 }
 
-impl<K: Fn(u32) -> bool> Kernel for Sift<'_, '_, K> {
+impl Kernel for FindBusy<'_, '_> {
     type Output = ();
 
     #[inline(always)]
     fn run<L: Lanes>(self) {
-        let Self { candidates, view, pyramid, band, known } = self;
+        let Self { candidates, view, pyramid, band, unclear, busy } = self;
         let mut kept = Vec::with_capacity(candidates.len());
-        for (&id, corners) in candidates.ids.iter().zip(&candidates.corners) {
-            let before = corners[0].w > 0.0 && corners[1].w > 0.0 && corners[2].w > 0.0;
-            kept.push(!known(id) && (!before || sees::<L>(pyramid, band, view, corners)));
+        for corners in &candidates.corners[..candidates.ids.len()] {
+            let area = pixel_box(view, corners, &band.rows, RING);
+            let open = match area {
+                Some(area) => unclear.look::<L>(pyramid, band, view, corners, area),
+                None => false,
+            };
+            if open {
+                unclear.widen();
+                busy.add(unclear);
+            }
+            kept.push(open);
         }
         let mut kept = kept.into_iter();
         candidates.retain_by(|_, _, _| kept.next() == Some(true));
     }
-}
-
-/// Whether a picture leaves a face that lies before the eye's plane unclear.
-#[inline(always)]
-fn sees<L: Lanes>(pyramid: &mut Pyramid, band: &Band<'_>, view: &View, corners: &[Vertex; 3]) -> bool {
-    let Some(area) = pixel_box(view, corners, &band.rows, RING) else { return false };
-    let word = nearest(view, corners);
-    !hides::<L>(pyramid, band, view, &area, word)
-        && !hides_closely::<L>(pyramid, band, view, &area, corners, word)
 }
 
 /// Boxes of up to this many samples are read sample by sample, larger ones by tiles.
@@ -250,63 +255,6 @@ fn hides<L: Lanes>(pyramid: &mut Pyramid, band: &Band<'_>, view: &View, area: &P
     } else {
         pyramid.all_greater::<L>(band, area, word)
     }
-}
-
-/// [`hides`], of the samples within [`RING`] of the face only: a large box may have many more.
-#[inline(always)]
-fn hides_closely<L: Lanes>(
-    pyramid: &mut Pyramid,
-    band: &Band<'_>,
-    view: &View,
-    area: &PixelBox,
-    corners: &[Vertex; 3],
-    word: u64,
-) -> bool {
-    if area.x.len() * area.y.len() <= SMALL_BOX
-        || in_border(&area.x, view.width)
-        || in_border(&area.y, view.height)
-    {
-        return false;
-    }
-    let Some(triangle) = Triangle::new(view, corners) else { return true };
-    let [e0, e1, e2] = triangle.edges;
-    let [r0, r1, r2] = [e0, e1, e2].map(|n| RING * (n.x.abs() + n.y.abs()));
-    let words = L::splat_word(word);
-    for top in (area.y.start / TILE * TILE..area.y.end).step_by(TILE) {
-        for left in (area.x.start / TILE * TILE..area.x.end).step_by(TILE) {
-            let block = PixelBox {
-                x: left.max(area.x.start)..(left + TILE).min(area.x.end),
-                y: top.max(area.y.start)..(top + TILE).min(area.y.end),
-            };
-            if pyramid.all_greater::<L>(band, &block, word) {
-                continue;
-            }
-            for y in block.y {
-                let at = view.row(y);
-                let [c0, c1, c2] = [e0.y * at + e0.z + r0, e1.y * at + e1.z + r1, e2.y * at + e2.z + r2];
-                for first in (left..left + TILE).step_by(L::COUNT) {
-                    let x = L::ramp().add(L::splat(view.column(first)));
-                    let mut near = L::splat(e0.x).mul(x).add(L::splat(c0)).ge(L::splat(0.0));
-                    near = L::and(near, L::splat(e1.x).mul(x).add(L::splat(c1)).ge(L::splat(0.0)));
-                    near = L::and(near, L::splat(e2.x).mul(x).add(L::splat(c2)).ge(L::splat(0.0)));
-                    let at = (y - band.rows.start) * band.stride + first;
-                    let samples = &band.samples[at..at + L::COUNT];
-                    // SAFETY: the slice holds a register of samples.
-                    let hidden = L::greater(unsafe { L::load_words(samples.as_ptr()) }, words);
-                    if L::bits(near) & !L::bits(hidden) != 0 {
-                        return false;
-                    }
-                }
-            }
-        }
-    }
-    true
-}
-
-/// Whether part of a range of samples may lie outside the outermost samples and little of it between them: of what
-/// is in the strip along the image's border the picture shows one side only.
-fn in_border(range: &Range<usize>, size: usize) -> bool {
-    (range.start == 0 || range.end == size) && range.len() <= 2
 }
 
 #[cfg(test)]
@@ -333,7 +281,9 @@ mod tests {
             let (band, mut pyramid) = (frame.whole(), Pyramid::default());
             pyramid.read(&band);
             let mut candidates = Candidates::default();
-            candidates.gather(&view, &clusters, &mut pyramid, &band, |face| face.is_multiple_of(known));
+            let unclear = &mut Unclear::default();
+            candidates
+                .gather(&view, &clusters, &mut pyramid, &band, unclear, |face| face.is_multiple_of(known));
             prop_assert!(candidates.ids.iter().all(|face| !face.is_multiple_of(known)));
             let mut ids = candidates.ids.clone();
             ids.sort_unstable();

@@ -4,16 +4,17 @@
 //! Here each face not seen yet is either set aside because all samples around it are nearer, or tested at points
 //! ([`points`]): one that no other face hides proves the face visible, in the same arithmetic as the id-buffer's. Nothing
 //! invisible is ever answered. Of a smooth surface that finds nearly all with a few points a face. Where many faces
-//! remain that neither the picture hides nor a point proves (leaves, pipes, clutter), the picture is too coarse: a
-//! finer one is drawn, and more points are tested.
+//! remain that neither the picture hides nor a point proves (leaves, pipes, clutter), the picture is too coarse: where
+//! they are a finer one is drawn, and more points are tested where that leaves them open ([`unclear`]).
 //!
 //! Missed is what can only be seen between all tested points, or through a gap between samples that seem to hide it.
 
 mod candidates;
 mod place;
 mod points;
+mod unclear;
 
-use super::frame::Frame;
+use super::frame::{Frame, TILE};
 use super::lanes::InstructionSet;
 use super::pyramid::Pyramid;
 use super::scene::Scene;
@@ -22,7 +23,9 @@ use super::view::{Vertex, View};
 use super::visible::{Rays, is_set, set};
 use crate::camera::Camera;
 use candidates::Candidates;
+use place::Spread;
 use points::{Pass, Point, Points};
+use unclear::{Busy, Unclear};
 
 /// Points of a face on the first picture: one, which is enough for most that are seen at all, then the others.
 const FIRST: usize = 4;
@@ -37,7 +40,10 @@ const CLUTTERED: f64 = 0.65;
 #[derive(Default)]
 pub struct Confirm {
     pyramid: Pyramid,
+    unclear: Unclear,
+    busy: Busy,
     candidates: Candidates,
+    spread: Spread,
     list: Vec<Point>,
     points: Points,
     pass: Pass,
@@ -47,7 +53,7 @@ impl Confirm {
     /// Sets in `row` the opaque faces that `frame`, an image of `camera`, does not show, and of which some point is the
     /// nearest surface on its ray.
     ///
-    /// In a cluttered view `draw` is asked for a finer picture, whose faces it sets in `row` itself.
+    /// In a cluttered view `draw` is asked to draw into a finer picture, and to set in `row` the faces that it shows.
     pub fn look(
         &mut self,
         scene: &Scene,
@@ -59,14 +65,15 @@ impl Confirm {
     ) {
         let view = View::new(scene.mesh(), camera);
         let band = frame.whole();
-        self.pyramid.read(&band);
-        self.candidates.gather(&view, scene.clusters(), &mut self.pyramid, &band, |face| is_set(row, face));
+        let Self { pyramid, unclear, candidates, .. } = self;
+        pyramid.read(&band);
+        candidates.gather(&view, scene.clusters(), pyramid, &band, unclear, |face| is_set(row, face));
         let mut found = 0;
         for points in [0..1, 1..FIRST] {
             let points = points.start..points.end.min(rays.points);
             self.list.clear();
             let Self { candidates, list, .. } = self;
-            InstructionSet::best().run(place::First { view: &view, candidates, points, samples: 1.0, list });
+            InstructionSet::best().run(place::First { view: &view, candidates, points, list });
             found += self.test(scene, &view, row);
         }
         let visible: u32 = row.iter().map(|word| word.count_ones()).sum();
@@ -75,18 +82,26 @@ impl Confirm {
             return;
         }
         self.drop_hidden(scene, &view);
-        let view = View::new(scene.mesh(), &camera.supersampled(rays.supersampling));
+        let Self { pyramid, unclear, candidates, busy, .. } = self;
+        busy.clear(&view);
+        candidates.find_busy(&view, pyramid, &band, unclear, busy);
+        let samples = rays.supersampling;
+        let view = View::new(scene.mesh(), &camera.supersampled(samples));
+        frame.clear_some(view.width, view.height, samples * TILE, |column, row| busy.has(column, row));
         draw(&view, frame, row);
         let band = frame.whole();
-        self.pyramid.read(&band);
-        self.candidates.sift(&view, scene.mesh(), &mut self.pyramid, &band, |face| is_set(row, face));
-        self.list.clear();
-        let samples = rays.supersampling as f64;
-        for owner in 0..self.candidates.len() {
-            let points = place::stretched(self.candidates.corners(owner), FIRST..rays.points, samples);
-            place::place(&view, &self.candidates, owner, points, samples, &mut self.list);
-        }
-        self.test(scene, &view, row);
+        let Self { pyramid, unclear, candidates, spread, list, .. } = self;
+        pyramid.read(&band);
+        candidates.project(&view, scene.mesh(), |face| is_set(row, face));
+        spread.reach(rays.points);
+        list.clear();
+        let samples = samples as f64;
+        let points = rays.points;
+        let view = &view;
+        let rest =
+            place::Rest { view, candidates, pyramid, band: &band, unclear, points, samples, spread, list };
+        InstructionSet::best().run(rest);
+        self.test(scene, view, row);
     }
 
     /// Tests the listed points; candidates of which one is open go into `row`. How many do.

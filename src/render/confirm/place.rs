@@ -1,12 +1,18 @@
 //! Where on a face points are tested.
 
+use super::FIRST;
 use super::candidates::Candidates;
 use super::points::Point;
+use super::unclear::{RING, Unclear};
 use crate::camera::Projection;
+use crate::render::frame::Band;
 use crate::render::lanes::{Kernel, Lanes, MOST_LANES};
+use crate::render::pyramid::Pyramid;
+use crate::render::raster::pixel_box;
 use crate::render::raster::small::Setup;
 use crate::render::triangle::{Nearness, Triangle};
 use crate::render::view::{Vertex, View};
+use glam::DVec3;
 use std::ops::Range;
 
 /// A long thin face can show in any of the gaps along it: it gets as many times as many points as its box's longer side
@@ -14,29 +20,18 @@ use std::ops::Range;
 const SIDE_PER_SHARE: f64 = 1.5;
 const MOST_SHARES: f64 = 12.0;
 
-/// These points of a face, and those that follow if it is long and thin; a pixel has so many `samples` a side.
-pub fn stretched(corners: &[Vertex; 3], points: Range<usize>, samples: f64) -> Range<usize> {
-    let (side, doubled_area) = size(corners);
-    if doubled_area > THICK * samples * side {
-        return points;
-    }
-    let shares = (side / (samples * SIDE_PER_SHARE)).clamp(1.0, MOST_SHARES);
-    points.start..points.start + (points.len() as f64 * shares) as usize
-}
-
-/// Lists some points of a candidate that lie inside the image; a pixel has so many `samples` a side.
+/// Lists some points of a candidate that lie inside the image.
 pub fn place(
     view: &View,
     candidates: &Candidates,
     candidate: usize,
     points: Range<usize>,
-    samples: f64,
     list: &mut Vec<Point>,
 ) {
     let corners = candidates.corners(candidate);
     let Some(triangle) = Triangle::new(view, corners) else { return };
     let (side, doubled_area) = size(corners);
-    let first = if doubled_area > THICK * samples * side { INTERIOR } else { 0 };
+    let first = if doubled_area > THICK * side { INTERIOR } else { 0 };
     for point in first + points.start..first + points.end {
         if let Some([x, y]) = project(view, corners, barycentric(point))
             && let Some(Nearness(value)) = triangle.hit(x, y)
@@ -51,7 +46,6 @@ pub struct First<'a> {
     pub view: &'a View,
     pub candidates: &'a Candidates,
     pub points: Range<usize>,
-    pub samples: f64,
     pub list: &'a mut Vec<Point>,
 }
 
@@ -70,7 +64,7 @@ impl Kernel for First<'_> {
 impl First<'_> {
     #[inline(always)]
     fn place<L: Lanes, const PERSPECTIVE: bool>(self) {
-        let Self { view, candidates, points, samples, list } = self;
+        let Self { view, candidates, points, list } = self;
         for at in (0..candidates.len()).step_by(L::COUNT) {
             let real = (1_u32 << (candidates.len() - at).min(L::COUNT)) - 1;
             // SAFETY: candidates are padded by a register of them, and the faces name the corners of each in turn.
@@ -87,7 +81,7 @@ impl First<'_> {
             let mut behind = real & !before;
             while behind != 0 {
                 let owner = at + behind.trailing_zeros() as usize;
-                place(view, candidates, owner, points.clone(), samples, list);
+                place(view, candidates, owner, points.clone(), list);
                 behind &= behind - 1;
             }
             let setup = Setup::<L>::new::<PERSPECTIVE>([a, b, c]);
@@ -96,7 +90,7 @@ impl First<'_> {
                 continue;
             }
             let (side, doubled_area) = sizes([a, b, c]);
-            let thick = doubled_area.gt(L::splat(THICK * samples).mul(side));
+            let thick = doubled_area.gt(L::splat(THICK).mul(side));
             for point in points.clone() {
                 let (thin_weights, thick_weights) = (barycentric(point), barycentric(INTERIOR + point));
                 let weight = [
@@ -126,6 +120,139 @@ impl First<'_> {
             }
         }
     }
+}
+
+/// The barycentric coordinates of the points that a face may get, coordinate by coordinate.
+#[derive(Default)]
+pub struct Spread([Vec<f64>; 3]);
+
+impl Spread {
+    /// Makes sure of those of a face that others get `points` of, and of a register more.
+    pub fn reach(&mut self, points: usize) {
+        let all = INTERIOR + FIRST + points * MOST_SHARES as usize + MOST_LANES;
+        for point in self.0[0].len()..all {
+            for (all, weight) in self.0.iter_mut().zip(barycentric(point)) {
+                all.push(weight);
+            }
+        }
+    }
+}
+
+/// More points of all candidates, where the picture leaves open whether they show, as a kernel: a thin face's spread over
+/// it, others' on a grid.
+pub struct Rest<'a, 'b> {
+    pub view: &'a View,
+    pub candidates: &'a Candidates,
+    pub pyramid: &'a mut Pyramid,
+    pub band: &'a Band<'b>,
+    pub unclear: &'a mut Unclear,
+    pub points: usize,
+    /// Along each side of a pixel of the first picture.
+    pub samples: f64,
+    pub spread: &'a Spread,
+    pub list: &'a mut Vec<Point>,
+}
+
+impl Kernel for Rest<'_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(mut self) {
+        for owner in 0..self.candidates.len() {
+            let corners = self.candidates.corners(owner);
+            let Some(triangle) = Triangle::new(self.view, corners) else { continue };
+            let Some(area) = pixel_box(self.view, corners, &self.band.rows, RING) else { continue };
+            if !self.unclear.look::<L>(self.pyramid, self.band, self.view, corners, area) {
+                continue;
+            }
+            self.unclear.widen();
+            let (side, doubled_area) = size(corners);
+            let (first, shares) = if doubled_area > THICK * self.samples * side {
+                (INTERIOR, 1.0)
+            } else {
+                (0, (side / (self.samples * SIDE_PER_SHARE)).clamp(1.0, MOST_SHARES))
+            };
+            let points = (self.points.saturating_sub(FIRST) as f64 * shares) as usize;
+            self.along::<L>(owner, &triangle, first + FIRST..first + FIRST + points);
+        }
+    }
+}
+
+impl Rest<'_, '_> {
+    /// Some of the points that are spread over a face.
+    #[inline(always)]
+    fn along<L: Lanes>(&mut self, owner: usize, triangle: &Triangle, points: Range<usize>) {
+        let Spread([u, v, t]) = self.spread;
+        let [a, b, c] = *self.candidates.corners(owner);
+        let (test, zero) = (Test::<L>::new(triangle), L::splat(0.0));
+        for first in points.clone().step_by(L::COUNT) {
+            let real = (1_u32 << (points.end - first).min(L::COUNT)) - 1;
+            // SAFETY: the arrays have a register of entries past the last point.
+            let weights = unsafe {
+                [L::load(u[first..].as_ptr()), L::load(v[first..].as_ptr()), L::load(t[first..].as_ptr())]
+            };
+            let w = mix(weights, L::splat(a.w), L::splat(b.w), L::splat(c.w));
+            let x = mix(weights, L::splat(a.x), L::splat(b.x), L::splat(c.x)).div(w);
+            let y = mix(weights, L::splat(a.y), L::splat(b.y), L::splat(c.y)).div(w);
+            let front = L::and(w.gt(zero), L::mask(real));
+            self.add(owner, x, y, &test, front);
+        }
+    }
+
+    /// Lists those of some positions at which the face and the picture leave something to find.
+    #[inline(always)]
+    fn add<L: Lanes>(&mut self, owner: usize, x: L, y: L, test: &Test<L>, mask: L::Mask) {
+        let view = self.view;
+        let mut mask = L::and(mask, L::splat(0.5 * view.width as f64).ge(x.abs()));
+        mask = L::and(mask, L::splat(0.5 * view.height as f64).ge(y.abs()));
+        mask = L::and(mask, plane_at(test.edges[0], x, y).ge(test.least[0]));
+        mask = L::and(mask, plane_at(test.edges[1], x, y).ge(test.least[1]));
+        mask = L::and(mask, plane_at(test.edges[2], x, y).ge(test.least[2]));
+        let value = plane_at(test.plane, x, y).max(test.range[0]).min(test.range[1]);
+        let seen = view.seen();
+        mask = L::and(mask, L::and(value.ge(L::splat(seen[0])), L::splat(seen[1]).ge(value)));
+        let mut left = L::bits(mask);
+        if left == 0 {
+            return;
+        }
+        let (xs, ys, values) = (lanes(x), lanes(y), lanes(value));
+        while left != 0 {
+            let lane = left.trailing_zeros() as usize;
+            left &= left - 1;
+            let (x, y) = (xs[lane], ys[lane]);
+            let column = (x + 0.5 * view.width as f64) as usize;
+            let row = (y + 0.5 * view.height as f64) as usize;
+            if self.unclear.has(column.min(view.width - 1), row.min(view.height - 1)) {
+                self.list.push(Point { x, y, value: values[lane], owner: owner as u32 });
+            }
+        }
+    }
+}
+
+/// A face in all lanes.
+struct Test<L: Lanes> {
+    edges: [[L; 3]; 3],
+    least: [L; 3],
+    plane: [L; 3],
+    range: [L; 2],
+}
+
+impl<L: Lanes> Test<L> {
+    #[inline(always)]
+    fn new(triangle: &Triangle) -> Self {
+        let Triangle { edges: [e0, e1, e2], least: [l0, l1, l2], plane, range: [low, high], .. } = *triangle;
+        Self {
+            edges: [splat(e0), splat(e1), splat(e2)],
+            least: [L::splat(l0), L::splat(l1), L::splat(l2)],
+            plane: splat(plane),
+            range: [L::splat(low), L::splat(high)],
+        }
+    }
+}
+
+#[inline(always)]
+fn splat<L: Lanes>(n: DVec3) -> [L; 3] {
+    [L::splat(n.x), L::splat(n.y), L::splat(n.z)]
 }
 
 /// The corners of triples of vertices, packed.
@@ -258,7 +385,6 @@ mod tests {
             mesh in meshes(),
             camera in cameras(),
             count in 1_usize..13,
-            samples in prop_oneof![Just(1.0), Just(3.0)],
         ) {
             let view = View::new(&mesh, &camera);
             let clusters = Clusters::new(&mesh, 0..mesh.faces().len() as u32);
@@ -267,10 +393,10 @@ mod tests {
             let (band, mut pyramid) = (frame.whole(), Pyramid::default());
             pyramid.read(&band);
             let mut candidates = Candidates::default();
-            candidates.gather(&view, &clusters, &mut pyramid, &band, |_| false);
+            candidates.gather(&view, &clusters, &mut pyramid, &band, &mut Unclear::default(), |_| false);
             let mut alone = Vec::new();
             for owner in 0..candidates.len() {
-                place(&view, &candidates, owner, 0..count, samples, &mut alone);
+                place(&view, &candidates, owner, 0..count, &mut alone);
             }
             for point in &alone {
                 prop_assert!(point.x.abs() <= 0.5 * view.width as f64 && point.y.abs() <= 0.5 * view.height as f64);
@@ -279,7 +405,7 @@ mod tests {
             }
             for set in InstructionSet::available() {
                 let mut list = Vec::new();
-                set.run(First { view: &view, candidates: &candidates, points: 0..count, samples, list: &mut list });
+                set.run(First { view: &view, candidates: &candidates, points: 0..count, list: &mut list });
                 prop_assert_eq!(bits(&list), bits(&alone), "{:?}", set);
             }
         }

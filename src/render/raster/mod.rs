@@ -37,6 +37,12 @@ impl Painter {
         self.draw_timed(set, view, clusters, band, &mut Untimed);
     }
 
+    /// [`draw`](Self::draw) into a band of a frame that is [clear in some squares](super::frame::Frame::clear_some) only.
+    pub fn draw_some(&mut self, set: InstructionSet, view: &View, clusters: &Clusters, band: &mut Band<'_>) {
+        self.pyramid.read_tiles(band);
+        self.run(set, view, clusters, band, &mut Untimed);
+    }
+
     /// [`draw`](Self::draw), telling a clock what is done.
     pub fn draw_timed<C: Clock>(
         &mut self,
@@ -47,6 +53,17 @@ impl Painter {
         clock: &mut C,
     ) {
         self.pyramid.clear(band);
+        self.run(set, view, clusters, band, clock);
+    }
+
+    fn run<C: Clock>(
+        &mut self,
+        set: InstructionSet,
+        view: &View,
+        clusters: &Clusters,
+        band: &mut Band<'_>,
+        clock: &mut C,
+    ) {
         match view.projection {
             Projection::Perspective => {
                 set.run(Draw::<C, true> { painter: self, view, clusters, band, clock })
@@ -211,7 +228,7 @@ mod tests {
     use super::*;
     use crate::mesh::Mesh;
     use crate::render::fixtures::{ball, camera, cameras, soup};
-    use crate::render::frame::Frame;
+    use crate::render::frame::{CLOSED, Frame, TILE};
     use crate::render::raycast;
     use crate::render::scene::Scene;
     use glam::DVec3;
@@ -277,6 +294,30 @@ mod tests {
             for set in InstructionSet::available() {
                 let fast = drawn(&view, 64, |band| Painter::default().draw(set, &view, &clusters, band));
                 prop_assert_eq!(difference(&plain, &fast), None, "{:?}", set);
+            }
+        }
+
+        #[test]
+        fn what_is_drawn_in_some_squares_is_what_is_drawn_there(
+            mesh in soup(),
+            camera in cameras(),
+            tiles in 1_usize..4,
+            pick in 1_usize..7,
+        ) {
+            let view = View::new(&mesh, &camera);
+            let (side, open) = (tiles * TILE, |column: usize, row: usize| (3 * column + 5 * row) % 7 < pick);
+            let clusters = Clusters::new(&mesh, 0..mesh.faces().len() as u32);
+            for set in InstructionSet::available() {
+                let whole = drawn(&view, view.height, |band| Painter::default().draw(set, &view, &clusters, band));
+                let mut frame = Frame::default();
+                frame.clear_some(view.width, view.height, side, open);
+                Painter::default().draw_some(set, &view, &clusters, &mut frame.whole());
+                for (y, row) in frame.rows().enumerate() {
+                    for (x, &sample) in row.iter().enumerate() {
+                        let wanted = if open(x / side, y / side) { whole[y * view.width + x] } else { CLOSED };
+                        prop_assert_eq!(sample, wanted, "{:?} at {}, {}", set, x, y);
+                    }
+                }
             }
         }
 
