@@ -506,8 +506,8 @@ class DepthImage:
         * they show the same face;
         * they show faces that share an edge;
         * the surface between them would not be too steep;
-        * the disparity between them changes as it does before or after them, give or take half of it: disparity is
-          linear on a plane, so planes are never cut, however steep.
+        * the disparity between them changes as it does in two steps beside it, give or take half of that: disparity is
+          linear on a plane, so a plane of four samples is never cut, however steep.
 
         Parameters
         ----------

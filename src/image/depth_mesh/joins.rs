@@ -37,22 +37,20 @@ pub fn joins(disparity: &[f32], missing: &[bool], width: usize, rule: &Rule<'_>)
                 continue;
             }
             flags[i] = PRESENT;
-            let place = |at: usize| (!missing[at]).then(|| disparity[at]);
-            let beside = |stride: usize, room_before: bool, room_after: bool, room: bool, step: f32| {
-                room && !missing[i + stride]
-                    && (rule.by_ids(i, i + stride)
-                        || gentle(disparity[i], disparity[i + stride], rule.slope * step)
-                        || straight(
-                            if room_before { place(i - stride) } else { None },
-                            [disparity[i], disparity[i + stride]],
-                            if room_after { place(i + 2 * stride) } else { None },
-                        ))
-            };
-            if beside(1, x > 0, x + 2 < width, x + 1 < width, rule.step[0]) {
-                flags[i] |= RIGHT;
-            }
-            if beside(width, y > 0, y + 2 < height, y + 1 < height, rule.step[1]) {
-                flags[i] |= DOWN;
+            for (flag, at, count, stride, step) in
+                [(RIGHT, x, width, 1, rule.step[0]), (DOWN, y, height, width, rule.step[1])]
+            {
+                if at + 1 == count || missing[i + stride] {
+                    continue;
+                }
+                let joined = rule.by_ids(i, i + stride)
+                    || gentle(disparity[i], disparity[i + stride], rule.slope * step)
+                    || straight(|k: isize| {
+                        let there = at.checked_add_signed(k).filter(|&there| there < count)?;
+                        let index = i + there * stride - at * stride;
+                        (!missing[index]).then(|| disparity[index])
+                    });
+                flags[i] |= if joined { flag } else { 0 };
             }
         }
     }
@@ -72,9 +70,13 @@ fn gentle(a: f32, b: f32, slope: f32) -> bool {
     (a - b).abs() <= slope * a.min(b)
 }
 
-/// The step between two samples goes on as the one before, or the one after.
-fn straight(before: Option<f32>, [a, b]: [f32; 2], after: Option<f32>) -> bool {
-    let step = b - a;
-    let near = |other: f32| (other - step).abs() <= STRAIGHT * step.abs();
-    a > 0.0 && b > 0.0 && (before.is_some_and(|p| near(a - p)) || after.is_some_and(|n| near(n - b)))
+/// The step from sample 0 of a row to the next goes on as two others do: both before, both after, or one on each side.
+///
+/// One would not do: a pixel that mixes two surfaces, as the edges in photographs do, lies half-way between them.
+fn straight(sample: impl Fn(isize) -> Option<f32>) -> bool {
+    let step = |k: isize| Some(sample(k + 1)? - sample(k)?);
+    let Some(own) = step(0) else { return false };
+    let like = |k: isize| step(k).is_some_and(|other| (other - own).abs() <= STRAIGHT * own.abs());
+    let infinite = sample(0) == Some(0.0) || sample(1) == Some(0.0);
+    !infinite && if like(-1) { like(1) || like(-2) } else { like(1) && like(2) }
 }
