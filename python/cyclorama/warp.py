@@ -253,16 +253,17 @@ def map(source: Camera, target: Camera, depth: npt.ArrayLike) -> npt.NDArray[np.
 def fill(
     warped: Warped, *, method: Literal["background", "nearest"] = "background", out: Warped | None = None
 ) -> Warped:
-    """Guess what holes show, from their edges inward.
+    """Guess what holes show.
 
     Parameters
     ----------
     warped : Warped
         A picture with holes, W x H pixels.
     method : {"background", "nearest"}
-        Step by step, each pixel at the edge of a hole takes colour and depth from one of its eight neighbours that are
-        known. "background": from the farthest, since what opens up beside something near belongs to what is behind it.
-        "nearest": from the first, left, right, above, below, then the corners.
+        Where each pixel of a hole takes colour and depth from. "background": of the first known pixels to the left, to
+        the right, above and below it the farthest from the eye, since what opens up beside something near belongs to
+        what is behind it; of those within 5 % of one depth the least distant. "nearest": the fewest steps to one of
+        eight neighbours away, whatever its depth.
     out : Warped, optional
         Memory for the answer, of the same size; may be `warped` itself.
 

@@ -69,3 +69,10 @@ def square(color: np.ndarray, depth: np.ndarray, hole: np.ndarray, radius: int) 
         if best is not None:
             shown[y, x], deep[y, x], empty[y, x] = color[best], depth[best], False
     return shown, deep, empty
+
+
+def eroded(mask: np.ndarray, radius: int) -> np.ndarray:
+    """Pixels around which all within so many each way are set."""
+    padded = np.pad(mask, radius, constant_values=True)
+    windows = np.lib.stride_tricks.sliding_window_view(padded, (2 * radius + 1, 2 * radius + 1))
+    return windows.all((-1, -2))

@@ -77,18 +77,22 @@ impl Colors for &[[u8; 4]] {
 /// Each has one entry more than it has pixels: the first of them takes what falls nowhere.
 #[derive(Debug)]
 pub struct Band {
+    /// Rows and columns are counted from the margin on.
     pub window: Window,
+    /// Pixels around the image: what falls there may cover some of the image.
+    margin: usize,
     words: Vec<Word>,
 }
 
 impl Band {
-    /// Nothing drawn, from row `top` to before `bottom`.
-    pub fn new(width: usize, top: usize, bottom: usize) -> Self {
+    /// Nothing drawn, from row `top` to before `bottom` of the image and the margin around these.
+    pub fn new(width: usize, top: usize, bottom: usize, margin: usize) -> Self {
+        let (width, bottom) = (width + 2 * margin, bottom + 2 * margin);
         let stride = width + 1;
         let mut words = spare();
         words.clear();
         words.resize(stride * (bottom - top), 0);
-        Self { window: Window { width, top, bottom, stride, nowhere: width as u32 }, words }
+        Self { window: Window { width, top, bottom, stride, nowhere: width as u32 }, margin, words }
     }
 
     /// The pixels of a row of the target.
@@ -188,12 +192,14 @@ impl Drop for Canvas {
     }
 }
 
-/// Rows of the target that can be looked at.
+/// Rows of the target that can be looked at, with what is around them: all is counted from the margin on.
 pub trait Drawn {
     fn width(&self) -> usize;
     /// The row after the last.
     fn bottom(&self) -> usize;
     fn row(&self, y: usize) -> &[Word];
+    /// Pixels on each side that are not of the image.
+    fn margin(&self) -> usize;
 }
 
 impl Drawn for Band {
@@ -211,6 +217,11 @@ impl Drawn for Band {
     fn row(&self, y: usize) -> &[Word] {
         Self::row(self, y)
     }
+
+    #[inline(always)]
+    fn margin(&self) -> usize {
+        self.margin
+    }
 }
 
 impl Drawn for Canvas {
@@ -227,6 +238,11 @@ impl Drawn for Canvas {
     #[inline(always)]
     fn row(&self, y: usize) -> &[Word] {
         Self::row(self, y)
+    }
+
+    #[inline(always)]
+    fn margin(&self) -> usize {
+        0
     }
 }
 

@@ -61,17 +61,18 @@ pub fn forward<S: Samples>(
     control: &Control,
 ) -> Result<(), Error> {
     let set = InstructionSet::best();
-    let warps = prepare(images, target, order, background, &picture)?;
+    let warps = prepare(images, target, order, radius, background, &picture)?;
     in_bands(target, background, picture, &|top, picture, background| {
         set.run(Draw { warps: &warps, target, top, order, radius, background, picture, control })
     })
 }
 
-/// What is computed once for all bands; refuses what can't be warped.
+/// What is computed once for all bands, for a target with a margin; refuses what can't be warped.
 pub(super) fn prepare<'a, S: Samples>(
     images: &'a [S],
     target: &Camera,
     order: Order,
+    margin: usize,
     background: Background<'_>,
     picture: &Picture<'_>,
 ) -> Result<Vec<Warp<'a, S>>, Error> {
@@ -97,6 +98,7 @@ pub(super) fn prepare<'a, S: Samples>(
             Order::Occlusion => sheets(&mapping, camera.width, camera.height),
             Order::Depth => vec![Sheet::whole(camera.width, camera.height)],
         };
+        let mapping = mapping.with_margin(margin);
         let lines = InstructionSet::best().run(Reach { samples, mapping: &mapping });
         Ok(Warp { samples, mapping, sheets, lines, tag: (i as u32) << 24 })
     });
@@ -178,9 +180,8 @@ impl<S: Samples> Kernel for Draw<'_, '_, S> {
     #[inline(always)]
     fn run<L: Lanes>(mut self) -> Result<(), Error> {
         let width = self.target.width;
-        let bottom = self.top + self.picture.depth.len() / width + self.radius;
-        let top = self.top.saturating_sub(self.radius);
-        let mut band = Band::new(width, top, bottom.min(self.target.height));
+        let bottom = self.top + self.picture.depth.len() / width;
+        let mut band = Band::new(width, self.top, bottom, self.radius);
         // A pixel more than any rounding of the positions.
         let (first, last) = (band.window.top as f32 - 1.0, band.window.bottom as f32 + 1.0);
         for warp in self.warps {

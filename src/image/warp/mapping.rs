@@ -19,6 +19,12 @@ const GROUP: usize = 16;
 /// Rounding of the last coordinate in float32, in units of its terms: below it float64 decides on which side a sample is.
 const DOUBT: f64 = 8.0 * f32::EPSILON as f64;
 
+/// Rounding of the same in float64: what it can't tell from the plane of the eye is in it.
+const PLANE: f64 = 8.0 * f64::EPSILON;
+
+/// Rounding of an eye's position, as a share of its distance from the world's origin.
+const SAME_EYE: f64 = 8.0 * f64::EPSILON;
+
 /// The map from a source camera's pixels and disparities to a target camera's.
 #[derive(Debug, Clone)]
 pub struct Mapping {
@@ -47,7 +53,14 @@ impl Mapping {
             }
         }
         let rotation = target.rotation * source.rotation.transpose();
-        let translation = target.translation - rotation * source.translation;
+        let (there, here) = (target.translation, rotation * source.translation);
+        // What is left of equal eyes is rounding: a pure rotation moves nothing, however near, and has no epipole.
+        let translation =
+            if (there - here).abs().max_element() > SAME_EYE * (there.abs() + here.abs()).max_element() {
+                there - here
+            } else {
+                DVec3::ZERO
+            };
         Ok(Self {
             matrix: target.k * rotation * source.k.inverse(),
             offset: target.k * translation,
@@ -63,12 +76,27 @@ impl Mapping {
         self.matrix * dvec3(x, y, 1.0) + disparity * self.offset
     }
 
-    /// Target pixel coordinates and disparity of a point of the source's image; `None` at or behind the eye's plane and
-    /// before the near plane.
+    /// The map to an image that has so many pixels more on each side.
+    pub fn with_margin(&self, pixels: usize) -> Self {
+        let pixels = pixels as f64;
+        let shift = DMat3::from_cols(DVec3::X, DVec3::Y, dvec3(pixels, pixels, 1.0));
+        Self { matrix: shift * self.matrix, offset: shift * self.offset, ..self.clone() }
+    }
+
+    /// Whether a point with this homogeneous target pixel is before the eye's plane, and not before the near plane.
+    #[inline(always)]
+    fn is_seen(&self, p: DVec3, x: f64, y: f64, disparity: f64) -> bool {
+        let row = self.matrix.row(2).abs();
+        let terms = (row.x * x.abs() + row.y * y.abs()) + (row.z + self.offset.z.abs() * disparity);
+        p.z > PLANE * terms && p.z >= self.near * disparity
+    }
+
+    /// Target pixel coordinates and disparity of a point of the source's image; `None` at or behind the eye's plane (what
+    /// float64 can't tell from it is in it) and before the near plane.
     #[inline(always)]
     pub fn point(&self, x: f64, y: f64, disparity: f64) -> Option<[f64; 3]> {
         let p = self.homogeneous(x, y, disparity);
-        (p.z > 0.0 && p.z >= self.near * disparity).then(|| [p.x / p.z, p.y / p.z, disparity / p.z])
+        self.is_seen(p, x, y, disparity).then(|| [p.x / p.z, p.y / p.z, disparity / p.z])
     }
 
     /// The map along the centres of a row of pixels.
@@ -314,8 +342,9 @@ impl Row<'_> {
                 continue;
             }
             let d = f64::from(d);
-            let p = self.mapping.homogeneous(f64::from(x) + 0.5, self.y, d);
-            let seen = p.z > 0.0 && p.z >= self.mapping.near * d;
+            let x = f64::from(x) + 0.5;
+            let p = self.mapping.homogeneous(x, self.y, d);
+            let seen = self.mapping.is_seen(p, x, self.y, d);
             let (u, v) = if seen { (p.x / p.z, p.y / p.z) } else { (f64::NAN, f64::NAN) };
             chunk.cells[i] = window.cell(u, v);
             chunk.nearness[i] = (d / p.z) as f32;

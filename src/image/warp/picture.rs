@@ -56,7 +56,7 @@ impl<'a> Picture<'a> {
     }
 
     /// Writes rows from `top` on, as many as this part has, of a band whose samples cover squares of `2 radius + 1` pixels:
-    /// it must reach `radius` rows farther each way, or to the image's edge.
+    /// it must reach `radius` rows farther each way, or to the canvas's edge.
     ///
     /// A pixel that a sample's centre fell on shows it. Any other shows the nearest of the samples that the pixels of the
     /// square around it show; of equally near ones one of the least distant row, of these one of the least distant
@@ -64,31 +64,32 @@ impl<'a> Picture<'a> {
     /// nothing else: the other one, which is nearer, covers the same square.
     #[inline(always)]
     pub fn resolve<D: Drawn>(&mut self, band: &D, top: usize, radius: usize, background: Background<'_>) {
-        let width = band.width();
+        let (margin, around) = (band.margin(), band.width());
+        let width = around - 2 * margin;
         let rows = self.depth.len() / width;
         // Rows of the nearest samples within reach to either side: row y at y modulo their number.
         let kept = 2 * radius + 1;
-        let mut beside = vec![0; if radius > 0 { kept * width } else { 0 }];
+        let mut beside = vec![0; if radius > 0 { kept * around } else { 0 }];
         let mut shown = vec![0; width];
-        let mut next = top.saturating_sub(radius);
+        let mut next = (top + margin).saturating_sub(radius);
         for line in 0..rows {
-            let y = top + line;
-            let centres = band.row(y);
+            let y = top + line + margin;
+            let centres = &band.row(y)[margin..margin + width];
             if radius == 0 {
                 self.write(line * width, centres, centres, background);
                 continue;
             }
             while next < band.bottom() && next <= y + radius {
-                reach(band.row(next), radius, &mut beside[(next % kept) * width..][..width]);
+                reach(band.row(next), radius, &mut beside[(next % kept) * around..][..around]);
                 next += 1;
             }
-            let own = &beside[(y % kept) * width..][..width];
+            let own = &beside[(y % kept) * around + margin..][..width];
             for distance in 1..=radius {
                 // Beyond the edge is nothing: the row itself, again.
                 let above = if y >= distance { y - distance } else { y };
                 let below = if y + distance < band.bottom() { y + distance } else { y };
-                let above = &beside[(above % kept) * width..][..width];
-                let below = &beside[(below % kept) * width..][..width];
+                let above = &beside[(above % kept) * around + margin..][..width];
+                let below = &beside[(below % kept) * around + margin..][..width];
                 if distance == 1 {
                     for (((shown, &own), &above), &below) in shown.iter_mut().zip(own).zip(above).zip(below) {
                         *shown = nearer(nearer(own, above), below);

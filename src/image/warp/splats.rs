@@ -56,7 +56,7 @@ pub fn forward(
     control: &Control,
 ) -> Result<(), Error> {
     let set = InstructionSet::best();
-    let warps = prepare(images, target, order, background, &picture)?;
+    let warps = prepare(images, target, order, 0, background, &picture)?;
     in_bands(target, background, picture, &|top, picture, background| {
         set.run(Draw { warps: &warps, target, top, order, size, background, picture, control })
     })
@@ -81,7 +81,7 @@ impl Kernel for Draw<'_, '_, '_> {
     fn run<L: Lanes>(mut self) -> Result<(), Error> {
         let width = self.target.width;
         let bottom = self.top + self.picture.depth.len() / width;
-        let (centres, edges) = (Band::new(width, self.top, bottom), Band::new(width, self.top, bottom));
+        let (centres, edges) = (Band::new(width, self.top, bottom, 0), Band::new(width, self.top, bottom, 0));
         let mut shown = Nearest { centres, edges, order: self.order };
         self.draw(&mut shown)?;
         if self.size == Size::Projected {
