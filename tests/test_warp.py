@@ -191,7 +191,7 @@ def test_both_orders_agree_on_every_pixel_when_the_eye_moves_along_rows_or_colum
 def test_the_orders_differ_on_few_pixels_and_on_fewer_show_another_surface(offset, turn, seed):
     """Samples of one surface that share a pixel are told apart by depth or by order, of two rows by order only.
 
-    Where the target sees the source smaller, several samples share each pixel; so it has three times the resolution here.
+    Where the target sees the source smaller, several samples share a pixel; so it has three times the resolution.
     """
     image = spheres(HERE, seed)
     camera = moved(offset, turn)
