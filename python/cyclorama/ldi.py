@@ -585,9 +585,7 @@ class LayeredDepthImage:
         boxes, links = self._kernel.octree(*_thresholds(thresholds))
         return Octree(boxes[:, :3], boxes[:, 3:], links[:, 0], links[:, 1], links[:, 2])
 
-    def compact(
-        self, cameras: Sequence[Camera], *, loss: float = 0.0, splat: int = 3, threads: int | None = None
-    ) -> LayeredDepthImage:
+    def compact(self, cameras: Sequence[Camera], *, loss: float = 0.0, threads: int | None = None) -> LayeredDepthImage:
         """The fewest samples for some views.
 
         Parameters
@@ -596,9 +594,7 @@ class LayeredDepthImage:
             Views that matter: many eyes of the region that the image is for.
         loss : float
             The share of what these views show, in pixels that a sample's centre fell on, that may be lost. With 0 none
-            of their pixels changes.
-        splat : int
-            As for `warp`.
+            of their pixels changes, whatever the splats.
         threads : int, optional
             All cores by default.
 
@@ -627,7 +623,7 @@ class LayeredDepthImage:
             _check_camera(view)
         if not 0 <= loss <= 1:
             raise ValueError(f"loss must be from 0 to 1, got {loss}")
-        shown = self._kernel.shown(stack(views), _splat_size(splat), threads).astype(np.int64)
+        shown = self._kernel.shown(stack(views), 1, threads).astype(np.int64)
         order = np.argsort(shown, kind="stable")
         gone = np.cumsum(shown[order]) <= loss * shown.sum()
         keep = np.ones(self.samples, np.bool_)

@@ -130,9 +130,10 @@ def _save_exr(image: LayeredDepthImage, path: str | os.PathLike[str]) -> None:
 
 
 def _split(array: npt.NDArray[Any], offsets: npt.NDArray[np.uint32], shape: tuple[int, int]) -> npt.NDArray[Any]:
-    """An array of samples as one array a pixel, None where there are none."""
+    """An array of samples as one array a pixel, None where there are none, but for the first: it tells their type."""
     pixels = np.empty(shape[0] * shape[1], object)
     array = np.ascontiguousarray(array)
+    pixels[0] = array[:0]
     starts = offsets.tolist()
     for pixel in np.flatnonzero(offsets[1:] != offsets[:-1]).tolist():
         pixels[pixel] = array[starts[pixel] : starts[pixel + 1]]
@@ -147,7 +148,7 @@ def _load_exr(path: str | os.PathLike[str]) -> LayeredDepthImage:
     if not os.path.exists(path):
         raise FileNotFoundError(f"there is no file {os.fspath(path)}")
     try:
-        with OpenEXR.File(os.fspath(path)) as file:
+        with OpenEXR.File(os.fspath(path), separate_channels=True) as file:
             attributes = file.header()
             if "cyclorama" not in attributes:
                 raise ValueError("it has no attribute 'cyclorama'")

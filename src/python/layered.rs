@@ -10,7 +10,7 @@ use crate::image::layered::build::{Conflict, Picture, build};
 use crate::image::layered::octree::{Octree, Thresholds};
 use crate::image::layered::paper::{self, Splat};
 use crate::image::layered::tiles::Tiles;
-use crate::image::layered::warp::{Cull, Manner, shown, warp};
+use crate::image::layered::warp::{COLOR, Cull, Manner, shown, warp};
 use crate::image::layered::{Layered, place};
 use crate::image::warp::mapping::Mapping;
 use crate::image::warp::picture::{Background, Picture as Out};
@@ -158,7 +158,7 @@ impl PyLayered {
         };
         let fates = interrupt::brief(py, threads, move |control: &Control| {
             let tiles =
-                self.tiles.get_or_init(|| Tiles::new(&self.image, |i| self.image.colors()[i] & 0xFF_FFFF));
+                self.tiles.get_or_init(|| Tiles::new(&self.image, |i| self.image.colors()[i] & COLOR));
             warp(&self.image, tiles, &target, manner, background, picture, control)
         })?;
         Ok((fates.drawn, fates.hidden, fates.outside))

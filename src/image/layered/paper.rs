@@ -8,13 +8,13 @@
 //! Where we depart from the paper, because as printed it fails:
 //! * weights in the buffer add up to at most 1: more would not be 1, and nothing behind would ever be left out;
 //! * the buffer has the size of the new image, not of the layered one;
-//! * a node with a corner behind the new eye is taken as visible; boxes are as much larger as splats reach;
+//! * a node with a corner behind the new eye is taken as visible;
 //! * what lies behind a node is looked at even if that node is hidden or empty (table 3 goes on to the next node without
 //!   marking it, and never ends), and once for each sheet, not only from leaves.
 //!
 //! What remains is the paper's own: the order of the octree is not that of the samples where nodes differ in size, where they
 //! lie across the lines between sheets, and among the samples of a node. So something hidden is drawn first here and there,
-//! and what it covers left out (section 5 calls that negligible). [`warp`](super::warp) has no such faults.
+//! and what it covers left out (section 5 calls that negligible). A splat that reaches out of its node's box is lost with it. [`warp`](super::warp) has no such faults.
 
 use super::Layered;
 use super::octree::{NONE, Octree};
@@ -64,7 +64,8 @@ pub fn epipolar_nodes(tree: &Octree, mapping: &Mapping) -> (u32, Vec<u32>) {
     let root = tree.nodes[0];
     let e = mapping.epipole;
     let place = [0, 1].map(|axis| {
-        let at = if e.z == 0.0 { e[axis].signum() * f64::INFINITY } else { e[axis] / e.z };
+        // At infinity, along an axis or not at all.
+        let at = e[axis] / e.z.abs() * if e.z < 0.0 { -1.0 } else { 1.0 };
         let last = f64::from(root.high[axis]);
         if at.is_nan() { 0.5 * last } else { at.clamp(0.0, last.next_down()) }
     });
@@ -297,10 +298,14 @@ impl Walk<'_> {
         }
         let reach = self.reach(growth) as f64;
         let size = self.size.map(|s| s as f64);
-        let first = [0, 1].map(|a| (low[a] - reach).floor().max(0.0));
-        let last = [0, 1].map(|a| (high[a] + reach).floor().min(size[a] - 1.0));
-        if first[0] > last[0] || first[1] > last[1] {
+        // Splats reach into the image from beside it. Samples on the upper bounds are the neighbours'.
+        if (0..2).any(|a| high[a] + reach < 0.0 || low[a] - reach >= size[a]) {
             return Some(OUTSIDE);
+        }
+        let first = [0, 1].map(|a| low[a].floor().max(0.0));
+        let last = [0, 1].map(|a| (high[a].ceil() - 1.0).min(size[a] - 1.0));
+        if first[0] > last[0] || first[1] > last[1] {
+            return None;
         }
         let full = (first[1] as usize..=last[1] as usize).all(|y| {
             let row = &self.occlusion[y * self.size[0]..][first[0] as usize..=last[0] as usize];

@@ -112,7 +112,8 @@ pub fn warp(
     Ok(fates)
 }
 
-/// In how many pictures of some cameras each sample is shown by its own pixel.
+/// In how many pictures of some cameras each sample is shown by its own pixel, or in a radius of 0 would be if no cracks
+/// were opened.
 ///
 /// # Errors
 /// As [`warp`].
@@ -122,20 +123,66 @@ pub fn shown(
     radius: usize,
     control: &Control,
 ) -> Result<Vec<u32>, Error> {
-    let tiles = Tiles::new(layered, |sample| sample as u32);
+    let tiles = Tiles::new(layered, |sample| layered.colors()[sample] & COLOR);
+    let indices = Tiles::new(layered, |sample| sample as u32).payload;
     let manner = Manner { order: Order::Depth, radius, cull: Cull::Outside };
     let mut counts = vec![0; layered.len()];
     for target in targets {
         target.check()?;
         let mut canvas = Canvas::new(target.width, target.height);
         draw(layered, &tiles, target, manner, &mut canvas, control)?;
-        for y in 0..target.height {
-            for &word in canvas.row(y).iter().filter(|&&word| word != 0) {
-                counts[word as u32 as usize] += 1;
-            }
+        let mapping = Mapping::new(layered.camera(), target)?;
+        for words in canvas.bands(target.height) {
+            let window = View { words, width: target.width, top: 0 };
+            InstructionSet::best().run(Claim {
+                tiles: &tiles,
+                mapping: &mapping,
+                window,
+                indices: &indices,
+                counts: &mut counts,
+            });
         }
     }
     Ok(counts)
+}
+
+/// The bits of a sample's word that are its colour.
+pub const COLOR: u32 = 0xFF_FFFF;
+
+/// Finds the samples that a canvas shows: the first drawn of those that are the same there.
+struct Claim<'a> {
+    tiles: &'a Tiles,
+    mapping: &'a Mapping,
+    window: View<'a>,
+    indices: &'a [u32],
+    counts: &'a mut [u32],
+}
+
+impl Kernel for Claim<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self) {
+        let Self { tiles, mapping, window, indices, counts } = self;
+        let mut fallen = Fallen::default();
+        for row in 0..tiles.rows {
+            for column in 0..tiles.columns {
+                let map = TileMap::new(mapping, column, row);
+                for chunk in &tiles.chunks[tiles.of_tile(column, row)] {
+                    map.project(tiles, chunk.samples(), &window, &mut fallen);
+                    for (i, at) in chunk.samples().enumerate() {
+                        let cell = fallen.cells[i] as usize;
+                        let shown = cell != window.width
+                            && window.words[cell] == word(fallen.nearness[i], tiles.payload[at]);
+                        if shown {
+                            window.words[cell] = 0;
+                            counts[indices[at] as usize] += 1;
+                        }
+                    }
+                }
+            }
+        }
+    }
 }
 
 /// Draws what [`warp`] shows onto a canvas; cracks are empty in it.
@@ -350,7 +397,7 @@ impl Plan<'_> {
     fn left_out(&self, map: &TileMap<'_>, chunk: &Chunk, window: &View<'_>) -> Option<u8> {
         match map.place(self.tiles, chunk, window) {
             Place::Outside => Some(OUTSIDE),
-            Place::Within(reach) if window.hides(&reach, self.size) => Some(HIDDEN),
+            Place::Within(reach) if window.hides(&reach, self.size, self.manner.radius > 0) => Some(HIDDEN),
             _ => None,
         }
     }
@@ -609,9 +656,9 @@ impl View<'_> {
         }
     }
 
-    /// Whether samples that fall within `reach` can't change the picture.
+    /// Whether samples that fall within `reach` can't change the picture, in which `cracks` may be opened.
     #[inline(always)]
-    fn hides(&self, reach: &Reach, size: [usize; 2]) -> bool {
+    fn hides(&self, reach: &Reach, size: [usize; 2], cracks: bool) -> bool {
         let stride = self.width + 1;
         let limit = word(reach.nearness, u32::MAX);
         let [left, right] = reach.columns;
@@ -621,7 +668,7 @@ impl View<'_> {
             for &word in line {
                 shows |= word <= limit;
             }
-            if shows && !self.cracked(y, left..right + 1, reach.nearness, size) {
+            if shows && !(cracks && self.cracked(y, left..right + 1, reach.nearness, size)) {
                 return false;
             }
         }
