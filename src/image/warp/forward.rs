@@ -62,7 +62,7 @@ pub fn forward<S: Samples>(
 ) -> Result<(), Error> {
     let set = InstructionSet::best();
     let warps = prepare(images, target, order, radius, background, &picture)?;
-    in_bands(target, background, picture, &|top, picture, background| {
+    in_bands(target, background, picture, 1, &|top, picture, background| {
         set.run(Draw { warps: &warps, target, top, order, radius, background, picture, control })
     })
 }
@@ -108,17 +108,18 @@ pub(super) fn prepare<'a, S: Samples>(
 /// A band's first row, its part of the picture and what is behind it.
 type DrawBand<'a> = &'a (dyn Fn(usize, Picture<'_>, Background<'_>) -> Result<(), Error> + Sync);
 
-/// Draws a picture band by band.
+/// Draws a picture band by band, of at least so many rows each if that is not more than threads have to share.
 pub(super) fn in_bands(
     target: &Camera,
     background: Background<'_>,
     picture: Picture<'_>,
+    least: usize,
     draw: DrawBand<'_>,
 ) -> Result<(), Error> {
     let (width, height) = (target.width, target.height);
     let threads = rayon::current_num_threads();
     let most = if threads > 1 { height.div_ceil(threads * BANDS_A_THREAD) } else { height };
-    let rows = (BAND_PIXELS / width).clamp(1, most);
+    let rows = (BAND_PIXELS / width).max(least).clamp(1, most);
     let draw = |(band, part): (usize, Picture<'_>)| {
         let top = band * rows;
         let background = match background {

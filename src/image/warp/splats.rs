@@ -32,6 +32,9 @@ pub enum Size {
 /// Half a splat's side is at most this many pixels: a sample that is nearly at the eye would cover everything.
 const MOST_HALF: f32 = 32.0;
 
+/// Rows of a band: several times what large splats reach into it from outside.
+const LEAST_ROWS: usize = 256;
+
 /// Added to half a side, so that rounding opens no cracks between splats that just touch; taken from where: thousandfold
 /// the rounding of a position in an image of a thousand pixels.
 const SLACK: f32 = 0.01;
@@ -57,7 +60,7 @@ pub fn forward(
 ) -> Result<(), Error> {
     let set = InstructionSet::best();
     let warps = prepare(images, target, order, 0, background, &picture)?;
-    in_bands(target, background, picture, &|top, picture, background| {
+    in_bands(target, background, picture, LEAST_ROWS, &|top, picture, background| {
         set.run(Draw { warps: &warps, target, top, order, size, background, picture, control })
     })
 }
