@@ -13,8 +13,8 @@ processors (table 4-2); *x 1998* is against 11.
 
 *The orders*: shares of pixels that `order="occlusion"` and `order="zbuffer"` show differently, and on which the first
 shows a surface more than 5 % deeper. Of two samples of one ray the right one is shown; but samples of neighbouring rows
-share pixels where the target sees the source smaller or turned, and then the row decides. Most that differ are samples of
-one surface: the nearest of them is not the one drawn last.
+share pixels where the target sees the source smaller or turned, and then the row decides. Most that differ are of one
+surface: the nearest of its samples on a pixel is not the one drawn last.
 
 *Flicker*: how much the change from a picture to the next differs from that of the true pictures, in grey levels, on a
 walk of small steps sideways; with black holes, and with the previous picture as the background.

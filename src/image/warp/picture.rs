@@ -79,6 +79,22 @@ impl<'a> Picture<'a> {
                 self.write(line * width, centres, centres, background);
                 continue;
             }
+            if radius == 1 && margin == 1 && width >= GROUP {
+                let (own, above, below) = (band.row(y), band.row(y - 1), band.row(y + 1));
+                for first in (0..width).step_by(GROUP) {
+                    // The last group goes back to where a whole one fits.
+                    let first = first.min(width - GROUP);
+                    let end = first + GROUP + 2;
+                    let rows = [
+                        own[first..end].try_into().expect("a group"),
+                        above[first..end].try_into().expect("a group"),
+                        below[first..end].try_into().expect("a group"),
+                    ];
+                    surround(rows, (&mut shown[first..first + GROUP]).try_into().expect("a group"));
+                }
+                self.write(line * width, &shown, centres, background);
+                continue;
+            }
             while next < band.bottom() && next <= y + radius {
                 reach(band.row(next), radius, &mut beside[(next % kept) * around..][..around]);
                 next += 1;
@@ -190,6 +206,29 @@ fn block(
 fn rgb(word: Word) -> [u8; 3] {
     let [r, g, b, ..] = word.to_le_bytes();
     [r, g, b]
+}
+
+/// Pixels whose surroundings are looked at together, if one of them is empty.
+const GROUP: usize = 16;
+
+/// What pixels show of samples that cover 3 x 3 pixels: rows of their own, above and below, and a pixel more at each end.
+#[inline(always)]
+fn surround([own, above, below]: [&[Word; GROUP + 2]; 3], shown: &mut [Word; GROUP]) {
+    let mut empty = 0;
+    for i in 0..GROUP {
+        shown[i] = own[i + 1];
+        empty |= u32::from(own[i + 1] == 0);
+    }
+    if empty == 0 {
+        return;
+    }
+    for i in 0..GROUP {
+        let beside = nearer(nearer(own[i + 1], own[i]), own[i + 2]);
+        let over = nearer(nearer(above[i + 1], above[i]), above[i + 2]);
+        let under = nearer(nearer(below[i + 1], below[i]), below[i + 2]);
+        let nearest = nearer(nearer(beside, over), under);
+        shown[i] = if shown[i] == 0 { nearest } else { shown[i] };
+    }
 }
 
 /// The nearest of the samples of a row within `radius` pixels of each, itself included.
