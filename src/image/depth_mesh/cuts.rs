@@ -80,7 +80,7 @@ fn block(
         if flags & PRESENT != 0 {
             let sample = [column + (corner & 1) - 1, row + (corner >> 1) - 1];
             let tag = with(corner, joined) << Place::CORNERS | tag;
-            quarter(mapping, source, sample, corner, number, tag, band);
+            quarter(mapping, source, sample, [corner, alone(joined)], number, tag, band);
         }
     }
 }
@@ -97,12 +97,23 @@ fn with(corner: usize, [top, bottom, left, right]: [bool; 4]) -> u32 {
         | u32::from(over) << (corner ^ 3)
 }
 
+/// The corner of a block whose other three are one surface; 4 if there is none.
+fn alone([top, bottom, left, right]: [bool; 4]) -> usize {
+    match [top, bottom, left, right] {
+        [false, true, false, true] => 0,
+        [false, true, true, false] => 1,
+        [true, false, false, true] => 2,
+        [true, false, true, false] => 3,
+        _ => 4,
+    }
+}
+
 /// Draws the quarter of a block that belongs to a sample, and beyond.
 fn quarter(
     mapping: &Mapping,
     source: &Source<'_>,
     [column, row]: [usize; 2],
-    corner: usize,
+    [corner, alone]: [usize; 2],
     block: u32,
     tag: u32,
     band: &mut Band,
@@ -144,8 +155,17 @@ fn quarter(
             if sign[axis] > 0.0 { [before, before] } else { [1.0 - ON + before, ON - before] }
         };
         let ([x, from_x], [y, from_y]) = (at(0), at(1));
+        // An edge that cuts one corner off goes straight, from middle to middle.
+        let own = if alone > 3 {
+            from_x <= OWN && from_y <= OWN
+        } else {
+            let beyond = [x, y].map(|t| 1.0 - t);
+            let away =
+                if alone & 1 == 0 { x } else { beyond[0] } + if alone & 2 == 0 { y } else { beyond[1] };
+            (away <= OWN) == (alone == corner)
+        };
         let step = |t: f32| (t * Place::STEPS as f32 + 0.5) as u32;
-        let solid = if from_x <= OWN && from_y <= OWN { SOLID } else { 0 };
+        let solid = if own { SOLID } else { 0 };
         // Infinitely far is nearer than a hole.
         let key = nearness.to_bits().max(1) | solid;
         band.put(pixel, Sample { key, block, place: step(x) | step(y) << Place::ROW | tag });
