@@ -124,7 +124,7 @@ def test_the_identity_is_the_identity(seed):
 def test_it_draws_the_same_triangles_as_a_renderer(seed, distance, angle):
     camera = camera_at((0, 0, 0))
     image = bumps(camera, seed)
-    assert (image.joins[:-1, :-1] == 7).all()
+    assert (image.joins[:-1, :-1] & 7 == 7).all()
     aside = distance * np.array((np.cos(np.radians(angle)), np.sin(np.radians(angle)), 0.5))
     there = camera_at(aside, (0.05, -0.03, -1))
     out = mesh(image, there)
@@ -153,12 +153,12 @@ def test_a_plane_is_where_opencv_warps_it():
     # OpenCV's first pixel has its centre at (0, 0).
     src, dst = ((camera.project(corners)[0] - 0.5).astype(np.float32) for camera in (here, there))
     matrix = cv2.getPerspectiveTransform(src, dst)
-    expected = cv2.warpPerspective(image.color, matrix, size, flags=cv2.INTER_LINEAR)
+    expected = cv2.warpPerspective(image.color, matrix, size, flags=cv2.INTER_CUBIC)
     inside = cv2.warpPerspective(np.ones(size[::-1], np.uint8), matrix, size, flags=cv2.INTER_NEAREST) > 0
     inside = cv2.erode(inside.astype(np.uint8), np.ones((5, 5), np.uint8), borderValue=0) > 0
     assert inside.mean() > 0.7 and not out.hole[inside].any()
-    # Both interpolate the same four colours; OpenCV rounds positions to 1 / 32 pixel.
-    assert np.abs(out.color[inside].astype(int) - expected[inside]).mean() < 1
+    # Another cubic than OpenCV's (whose slopes are steeper by half), which rounds positions to 1 / 32 pixel.
+    assert np.abs(out.color[inside].astype(int) - expected[inside]).mean() < 1.5
     truth = scene.render(there).depth
     np.testing.assert_allclose(out.depth[~out.hole], truth[~out.hole], rtol=2e-6)
 

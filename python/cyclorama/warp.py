@@ -131,9 +131,10 @@ def forward(
         Rectangles are at most 64 pixels a side. Here, too, a pixel that centres fall on shows one of them, except where
         something more than 5 % nearer covers it: else what is behind a surface showed through its cracks.
         "mesh": not a splat, but two triangles between every four neighbouring samples of one surface (section 4.2.2's
-        bilinearly interpolated surfaces), coloured by interpolation and cut where the four are not one surface: see
-        `DepthImage.cut`. Turned-over triangles are not drawn. At a cut each sample keeps its own pixel, and behind all
-        others a surface goes on until just before the sample beyond; only those last pixels are not `exact`.
+        bilinearly interpolated surfaces), cut where the four are not one surface: see `DepthImage.cut`. Colours are
+        interpolated: amid 4 x 4 samples of one surface by Catmull and Rom's cubic, else bilinearly. Turned-over
+        triangles are not drawn. At a cut each sample keeps its own pixel, and behind all others a surface goes on until
+        just before the sample beyond; only those last pixels are not `exact`.
     order : {"occlusion", "zbuffer"}
         A mesh shows the nearest surface of all images, whatever is asked here. For splats: which of several samples
         that fall on one pixel is shown. "zbuffer": the nearest; of equally near ones that of the last image, the last

@@ -9,6 +9,9 @@ pub const DOWN: u8 = 2;
 /// There is a sample.
 pub const PRESENT: u8 = 4;
 
+/// The block to the lower right of the sample and all eight around it are whole: 4 x 4 samples of one surface.
+pub const SMOOTH: u8 = 8;
+
 /// A step of disparity goes on if the next is as long but for this share: what planes do, at any slant.
 const STRAIGHT: f32 = 0.5;
 
@@ -26,7 +29,7 @@ pub struct Rule<'a> {
     pub step: [f32; 2],
 }
 
-/// [`RIGHT`], [`DOWN`] and [`PRESENT`] of each sample of an image `width` wide.
+/// [`RIGHT`], [`DOWN`], [`PRESENT`] and [`SMOOTH`] of each sample of an image `width` wide.
 pub fn joins(disparity: &[f32], missing: &[bool], width: usize, rule: &Rule<'_>) -> Vec<u8> {
     let height = disparity.len().checked_div(width).unwrap_or(0);
     let mut flags = vec![0; disparity.len()];
@@ -54,6 +57,7 @@ pub fn joins(disparity: &[f32], missing: &[bool], width: usize, rule: &Rule<'_>)
             }
         }
     }
+    smooth(&mut flags, width);
     flags
 }
 
@@ -79,4 +83,20 @@ fn straight(sample: impl Fn(isize) -> Option<f32>) -> bool {
     let like = |k: isize| step(k).is_some_and(|other| (other - own).abs() <= STRAIGHT * own.abs());
     let infinite = sample(0) == Some(0.0) || sample(1) == Some(0.0);
     !infinite && if like(-1) { like(1) || like(-2) } else { like(1) && like(2) }
+}
+
+/// Marks what is [`SMOOTH`].
+fn smooth(flags: &mut [u8], width: usize) {
+    let whole = |flags: &[u8], i: usize| {
+        flags[i] & (RIGHT | DOWN) == RIGHT | DOWN && flags[i + 1] & DOWN != 0 && flags[i + width] & RIGHT != 0
+    };
+    let height = flags.len() / width.max(1);
+    for y in 1..height.saturating_sub(2) {
+        for x in 1..width.saturating_sub(2) {
+            let i = y * width + x;
+            if (0..9).all(|k| whole(flags, i + k / 3 * width + k % 3 - width - 1)) {
+                flags[i] |= SMOOTH;
+            }
+        }
+    }
 }

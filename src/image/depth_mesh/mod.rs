@@ -7,7 +7,7 @@
 //! be a hole, it goes on until just before the next sample ([`cuts`]); such pixels are marked.
 //!
 //! The nearest wins, by disparity in the new view, which is exact on planes. Colours are looked up at the end, where the
-//! surface in a pixel came from in the source, between its four samples.
+//! surface in a pixel came from in the source: by a cubic amid 4 x 4 samples of one surface, else between its four.
 //!
 //! Triangles are a pixel large or so, most of them. The centres that they may cover are found, tested and interpolated
 //! for many blocks of four samples at once ([`blocks`]). Edges that two triangles share are evaluated with the same

@@ -1,5 +1,6 @@
 //! From what is nearest at each pixel to colours and depths.
 
+use super::joins::SMOOTH;
 use super::{Place, SOLID, Sample, Source};
 use crate::image::warp::image::Pixels;
 use crate::image::warp::picture::{Background, NO_SOURCE, Picture};
@@ -37,8 +38,8 @@ impl Kernel for Resolve<'_, '_> {
                 let source = &sources[(sample.place >> Place::SOURCE) as usize];
                 let width = source.image.camera.width;
                 color[i] = match source.image.pixels {
-                    Pixels::Rgb(pixels) => between(pixels, width, sample),
-                    Pixels::Rgba(pixels) => between(pixels, width, sample),
+                    Pixels::Rgb(pixels) => between(pixels, source.joins, width, sample),
+                    Pixels::Rgba(pixels) => between(pixels, source.joins, width, sample),
                 };
             } else {
                 color[i] = match background {
@@ -49,6 +50,69 @@ impl Kernel for Resolve<'_, '_> {
             }
         }
     }
+}
+
+/// Weights of four samples in a row, in parts of [`UNIT`], for each step from the second to the third: Catmull and Rom's
+/// cubic, which goes through the samples.
+static WEIGHTS: [[i32; 4]; Place::STEPS as usize + 1] = {
+    let mut table = [[0; 4]; Place::STEPS as usize + 1];
+    let steps = Place::STEPS as i64;
+    let mut t = 0;
+    while t <= steps {
+        let (linear, square, cube) = (t * steps * steps, t * t * steps, t * t * t);
+        let whole = 2 * steps * steps * steps;
+        let before = -cube + 2 * square - linear;
+        let third = -3 * cube + 4 * square + linear;
+        let after = cube - square;
+        let weights = [parts(before, whole), parts(third, whole), parts(after, whole)];
+        let second = UNIT - weights[0] - weights[1] - weights[2];
+        table[t as usize] = [weights[0], second, weights[1], weights[2]];
+        t += 1;
+    }
+    table
+};
+
+/// What the weights of a row add up to: two of them and a colour fit 31 bits.
+const UNIT: i32 = 1 << 11;
+
+/// A share in parts of [`UNIT`], rounded.
+const fn parts(share: i64, whole: i64) -> i32 {
+    (share * UNIT as i64 + whole / 2).div_euclid(whole) as i32
+}
+
+/// The colour between the inner four of 4 x 4 samples, of which the first is at `start`.
+#[inline(always)]
+fn cubic<const CHANNELS: usize>(
+    pixels: &[[u8; CHANNELS]],
+    width: usize,
+    start: usize,
+    [across, down]: [u32; 2],
+) -> [u8; 3] {
+    let (across, down) = (&WEIGHTS[across as usize], &WEIGHTS[down as usize]);
+    let bytes = pixels.as_flattened();
+    let mut sum = [0; 4];
+    for (row, down) in down.iter().enumerate() {
+        let first = (start + row * width) * CHANNELS;
+        // Four samples, and a byte of what follows: four lanes are as fast as three. Nothing follows the last.
+        let line: [u8; 16] = match bytes[first..].first_chunk() {
+            Some(line) => *line,
+            None => {
+                let mut line = [0; 16];
+                line[..4 * CHANNELS].copy_from_slice(&bytes[first..first + 4 * CHANNELS]);
+                line
+            }
+        };
+        let mut mean = [0; 4];
+        for (k, weight) in across.iter().enumerate() {
+            for c in 0..4 {
+                mean[c] += i32::from(line[k * CHANNELS + c]) * weight;
+            }
+        }
+        for c in 0..4 {
+            sum[c] += mean[c] * down;
+        }
+    }
+    [0, 1, 2].map(|c| ((sum[c] + UNIT * UNIT / 2) >> (2 * UNIT.trailing_zeros())).clamp(0, 255) as u8)
 }
 
 /// The three channels of a pixel in one word, with room between them.
@@ -62,12 +126,20 @@ const UPPER: u64 = 0x3_FFFF | 0x3_FFFF << 21 | 0x3_FFFF << 42;
 
 /// The colour between the samples of a block that count.
 #[inline(always)]
-fn between<const CHANNELS: usize>(pixels: &[[u8; CHANNELS]], width: usize, sample: Sample) -> [u8; 3] {
+fn between<const CHANNELS: usize>(
+    pixels: &[[u8; CHANNELS]],
+    joins: &[u8],
+    width: usize,
+    sample: Sample,
+) -> [u8; 3] {
     let across = sample.place & 0x1FF;
     let down = sample.place >> Place::ROW & 0x1FF;
     let corners = sample.place >> Place::CORNERS & Place::ALL;
     // Beyond the first row and column, wrapping makes a place outside of the image: those corners don't count.
     let start = (sample.block as usize).wrapping_sub(width + 1);
+    if corners == Place::ALL && joins[start] & SMOOTH != 0 {
+        return cubic(pixels, width, start - width - 1, [across, down]);
+    }
     if corners == Place::ALL {
         let top = [&pixels[start], &pixels[start + 1]].map(spread);
         let bottom = [&pixels[start + width], &pixels[start + width + 1]].map(spread);
