@@ -23,8 +23,8 @@ import numpy as np
 
 import bench
 import cyclorama as cyc
-from cyclorama.confidence import bootstrap_interval
-from cyclorama.evaluation import random_directions
+from cyclorama.bakes.confidence import bootstrap_interval
+from cyclorama.bakes.evaluation import random_directions
 
 DEFAULT = [("bunny", 258), ("bunny", 1026), ("horse", 258), ("dragon_100k", 258), ("igea", 258), ("scorpion", 258)]
 

@@ -16,9 +16,9 @@ import numpy as np
 import bench
 import cyclorama as cyc
 from cyclorama import bitfield, sphere
+from cyclorama.bakes.learning import Cells, Looker
+from cyclorama.bakes.probing import STRATEGIES, Prober
 from cyclorama.framing import Framing
-from cyclorama.learning import Cells, Looker
-from cyclorama.probing import STRATEGIES, Prober
 
 STEPS = (0, 4, 8, 16, 32)
 

@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 import cyclorama as cyc
-from cyclorama import adaptive, bitfield, sphere
-from cyclorama.adaptive import _fewest_patches, _Refinement, _without
-from cyclorama.evaluation import random_directions
+from cyclorama import bitfield, sphere
+from cyclorama.bakes import adaptive
+from cyclorama.bakes.adaptive import _fewest_patches, _Refinement, _without
+from cyclorama.bakes.evaluation import random_directions
+from cyclorama.bakes.learning import Looker
+from cyclorama.bakes.probing import STRATEGIES, Prober, neighbours
 from cyclorama.framing import Framing
-from cyclorama.learning import Looker
-from cyclorama.probing import STRATEGIES, Prober, neighbours
 
 
 @functools.cache
@@ -46,7 +47,7 @@ def promised() -> cyc.Visibility:
 
 @pytest.mark.parametrize("distance", [1.0, 1.5, 4.0])
 def test_the_promise_holds_for_fresh_views(distance: float):
-    assert cyc.confidence.bootstrap_interval(fresh_missed(promised(), distance))[1] <= 3e-3
+    assert cyc.bakes.confidence.bootstrap_interval(fresh_missed(promised(), distance))[1] <= 3e-3
 
 
 def test_the_promise_is_stated_with_its_bound_and_its_confidence():

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import cyclorama as cyc
-from cyclorama.evaluation import random_directions
+from cyclorama.bakes.evaluation import random_directions
 
 
 @functools.cache

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cyclorama.confidence import STAKES, WEIGHTS, bootstrap_interval, upper_mean
+from cyclorama.bakes.confidence import STAKES, WEIGHTS, bootstrap_interval, upper_mean
 
 shares = st.lists(st.floats(0, 1), min_size=1, max_size=60)
 

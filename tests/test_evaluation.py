@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import cyclorama as cyc
-from cyclorama.evaluation import random_directions
-from cyclorama.visibility import Shell
+from cyclorama.bakes.evaluation import random_directions
+from cyclorama.bakes.visibility import Shell
 
 
 @functools.cache

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation, Slerp
 
 import cyclorama as cyc
-from cyclorama.paths import _between
+from cyclorama.bakes.paths import _between
 
 
 @functools.cache

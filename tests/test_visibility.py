@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 
 import cyclorama as cyc
 from cyclorama import bitfield, sphere
-from cyclorama.evaluation import random_directions
-from cyclorama.visibility import everything, fold
+from cyclorama.bakes.evaluation import random_directions
+from cyclorama.bakes.visibility import everything, fold
 
 SMALL = (96, 90)
 

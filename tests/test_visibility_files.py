@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import cyclorama as cyc
-from cyclorama import storage
+from cyclorama.bakes import storage
 
 
 @functools.cache

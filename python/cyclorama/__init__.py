@@ -1,21 +1,21 @@
 """Cyclorama decides ahead of time what of a 3D scene can be seen from where."""
 
 from . import bitfield, lab, ldi, patches, quality, scenes, sphere, warp
-from .assembly import Assembly
-from .baking import bake
+from .bakes.assembly import Assembly
+from .bakes.baking import bake
+from .bakes.evaluation import Evaluation, evaluate
+from .bakes.merging import merge
+from .bakes.paths import PathVisibility, bake_path
+from .bakes.visibility import Visibility
 from .bitfield import Bitfields
 from .camera import Camera
 from .depth_image import DepthImage, disparity_from_zbuffer
-from .evaluation import Evaluation, evaluate
 from .ldi import LayeredDepthImage
 from .loading import describe, load
-from .merging import merge
-from .paths import PathVisibility, bake_path
 from .region import Region, visible_from
 from .render import BACKGROUND, View
 from .scene import Scene
 from .tradeoff import Tradeoff, tradeoff
-from .visibility import Visibility
 
 __version__ = "0.1.0"
 

@@ -16,10 +16,11 @@ from typing import Any, NoReturn, TextIO
 
 import numpy as np
 
-from . import __version__, baking, lab, loading, scenes, validation
+from . import __version__, lab, loading, scenes, validation
+from .bakes import baking
+from .bakes.visibility import Visibility
 from .files import check_writable, whole_file
 from .tradeoff import COSTS, tradeoff
-from .visibility import Visibility
 
 __all__ = ["main"]
 

@@ -9,16 +9,16 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .baking import bake
+from .bakes.baking import bake
+from .bakes.evaluation import evaluate
+from .bakes.visibility import Visibility
 from .camera import Camera
-from .evaluation import evaluate
 from .files import whole_file
 from .framing import Framing
 from .progress import Progress
 from .render import BACKGROUND
 from .scene import Scene
 from .tradeoff import file_bytes, tradeoff
-from .visibility import Visibility
 
 __all__ = ["picture", "run"]
 

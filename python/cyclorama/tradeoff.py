@@ -24,15 +24,15 @@ import numpy as np
 import numpy.typing as npt
 
 from . import lab
-from .baking import bake
-from .confidence import bootstrap_interval, upper_mean
+from .bakes.baking import bake
+from .bakes.confidence import bootstrap_interval, upper_mean
+from .bakes.visibility import Visibility
 from .framing import Framing
 from .lab import Row
 from .patches import tile
 from .progress import Progress
 from .render import BACKGROUND
 from .scene import Scene
-from .visibility import Visibility
 
 __all__ = ["Tradeoff", "tradeoff"]
 

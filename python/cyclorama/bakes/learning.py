@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from . import _core
-from .camera import Camera, CameraArrays
-from .framing import Framing
+from .. import _core
+from ..camera import Camera, CameraArrays
+from ..framing import Framing
+from ..render import Fill
+from ..scene import Scene
 from .probing import Prober
-from .render import Fill
-from .scene import Scene
 
 __all__ = ["Cells", "Looker", "probe"]
 

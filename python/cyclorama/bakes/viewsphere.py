@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from . import sphere
+from .. import sphere
 
 __all__ = ["ViewSphere"]
 

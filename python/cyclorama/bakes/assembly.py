@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from .camera import Camera
+from ..camera import Camera
 from .visibility import Visibility
 
 __all__ = ["Assembly", "Placed"]

@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from . import bitfield
-from .files import whole_file
+from .. import bitfield
+from ..files import whole_file
 from .viewsphere import ViewSphere
 from .visibility import Settings, Shell, Visibility
 

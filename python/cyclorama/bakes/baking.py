@@ -13,16 +13,16 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from . import patches, sphere
-from .bitfield import Bitfields
-from .camera import Camera
-from .fingerprint import fingerprint
-from .framing import Framing, unit_directions
+from .. import patches, sphere
+from ..bitfield import Bitfields
+from ..camera import Camera
+from ..fingerprint import fingerprint
+from ..framing import Framing, unit_directions
+from ..progress import Progress, reporter
+from ..render import Fill
+from ..scene import Scene
 from .learning import Cells, Looker
 from .probing import STRATEGIES, Prober
-from .progress import Progress, reporter
-from .render import Fill
-from .scene import Scene
 from .viewsphere import ViewSphere
 from .visibility import Settings, Shell, Visibility, fold
 
@@ -77,8 +77,9 @@ def bake(
     progress : bool, callable or None
         See `cyclorama.progress`; units are views.
     max_missed : float, optional
-        Find views, patches and resolution that miss no more than this share of the pixels; see `cyclorama.adaptive`.
-        `views` is then the sphere to begin with, and `statement` says what was reached, and how surely.
+        Find views, patches and resolution that miss no more than this share of the pixels; see
+        `cyclorama.bakes.adaptive`. `views` is then the sphere to begin with, and `statement` says what was reached, and
+        how surely.
     distances : sequence of float, optional
         Distances to bake, in sampling radii, each outside the bounding sphere; infinity for parallel rays. By default
         the sampling radius alone.
@@ -88,7 +89,7 @@ def bake(
         Most probes for each face of the view sphere; 0 for none. A face is done earlier when its last four found
         nothing new.
     strategy : {"edges", "spread", "random", "guided"}
-        Where probes look from; see `cyclorama.probing`.
+        Where probes look from; see `cyclorama.bakes.probing`.
     seed : int
         Of the probes' places.
     part : (int, int)

@@ -28,11 +28,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from . import bitfield, sphere
-from .bitfield import Bitfields
-from .fingerprint import fingerprint
-from .framing import Framing, unit_directions
-from .scene import Scene
+from .. import bitfield, sphere
+from ..bitfield import Bitfields
+from ..fingerprint import fingerprint
+from ..framing import Framing, unit_directions
+from ..scene import Scene
 from .viewsphere import ViewSphere
 
 __all__ = ["Settings", "Shell", "Visibility", "fold"]
@@ -423,7 +423,7 @@ class Visibility:
     # Files ---------------------------------------------------------------------------------------------------------
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes an ``.npz`` file that plain NumPy opens; see `cyclorama.storage` for what is in it.
+        """Writes an ``.npz`` file that plain NumPy opens; see `cyclorama.bakes.storage` for what is in it.
 
         Raises
         ------

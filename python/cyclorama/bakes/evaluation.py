@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from . import bitfield
-from .camera import Camera
+from .. import bitfield
+from ..camera import Camera
+from ..framing import Framing
+from ..progress import Progress, reporter
+from ..render import BACKGROUND
+from ..scene import Scene
 from .confidence import bootstrap_interval, upper_mean
-from .framing import Framing
-from .progress import Progress, reporter
-from .render import BACKGROUND
-from .scene import Scene
 from .visibility import Visibility
 
 __all__ = ["Evaluation", "evaluate", "random_directions"]
@@ -88,7 +88,7 @@ class Evaluation:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Central interval of the mean of `missed` by bootstrap-t: approximate; see `cyclorama.confidence`."""
+        """Central interval of the mean of `missed` by bootstrap-t: approximate; see `cyclorama.bakes.confidence`."""
         return bootstrap_interval(self.missed, self.confidence)
 
     @property

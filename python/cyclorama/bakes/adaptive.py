@@ -10,8 +10,9 @@ dropped: its
    sphere faces are joined to the whole they came from, with the union of their rows, which misses no more.
 4. *Patches.* The fewest of a few counts that keep a stated share of the culling.
 5. *Proof.* Random views, uniform over all directions, are scored, and only then learned from. The bound of
-   `cyclorama.confidence.upper_mean` on their scores holds for the rows as they are at the end, at whichever view one
-   stops. It stops at the allowed share, or when the views allotted are spent: then the statement says how far it came.
+   `cyclorama.bakes.confidence.upper_mean` on their scores holds for the rows as they are at the end, at whichever view
+   one stops. It stops at the allowed share, or when the views allotted are spent: then the statement says how far it
+   came.
 
 The proof needs no fewer than ``3 / max_missed`` views. Their pixels are few: the expected share of missed pixels does
 not depend on how many pixels sample the picture.
@@ -24,15 +25,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from . import bitfield, sphere
+from .. import bitfield, sphere
+from ..fingerprint import fingerprint
+from ..framing import Framing
+from ..progress import Progress, reporter
+from ..render import Fill
+from ..scene import Scene
 from .confidence import upper_mean
-from .fingerprint import fingerprint
-from .framing import Framing
 from .learning import Cells, Looker
 from .probing import Prober
-from .progress import Progress, reporter
-from .render import Fill
-from .scene import Scene
 from .viewsphere import ViewSphere
 from .visibility import Settings, Visibility
 
@@ -277,7 +278,7 @@ def _within(p: Floats, a: Floats, b: Floats, c: Floats) -> bool:
 
 def _fewest_patches(scene: Scene, rows: Words, weights: Floats) -> npt.NDArray[np.uint32] | None:
     """Labels of the fewest patches, of a few counts, that keep a share of the culling; None where only all faces do."""
-    from .patches import tile
+    from ..patches import tile
     from .visibility import count_faces, fold
 
     def culling(words: Words, size: int, labels: npt.NDArray[np.uint32] | None) -> float:

@@ -9,13 +9,13 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from . import bitfield
-from .bitfield import Bitfields
-from .camera import Camera, stack
+from .. import bitfield
+from ..bitfield import Bitfields
+from ..camera import Camera, stack
+from ..progress import Progress, reporter
+from ..render import Fill
+from ..scene import Scene
 from .learning import TOLERANCE, probe
-from .progress import Progress, reporter
-from .render import Fill
-from .scene import Scene
 
 __all__ = ["PathVisibility", "bake_path"]
 

@@ -6,7 +6,7 @@ from functools import reduce
 
 import numpy as np
 
-from .bitfield import Bitfields
+from ..bitfield import Bitfields
 from .visibility import Shell, Visibility
 
 __all__ = ["merge"]
