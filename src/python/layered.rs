@@ -56,6 +56,9 @@ fn one(arrays: &CameraArrays<'_>) -> PyResult<Camera> {
 /// Pictures as arrays: colour, disparity, missing.
 type ImageArrays<'py> = (PyReadonlyArray3<'py, u8>, PyReadonlyArray2<'py, f32>, PyReadonlyArray2<'py, bool>);
 
+/// Nodes as arrays: boxes; levels, children and counts.
+type NodeArrays<'py> = (Bound<'py, PyArray2<f32>>, Bound<'py, PyArray2<i64>>);
+
 #[pymethods]
 impl PyLayered {
     /// From samples by pixel, nearest first; `places` in sixteenths of a pixel from its centre.
@@ -203,12 +206,7 @@ impl PyLayered {
 
     /// The nodes of the octree over the samples: their boxes (column, row, disparity; low, then high), and level, first
     /// child (or -1) and number of samples.
-    fn octree<'py>(
-        &self,
-        py: Python<'py>,
-        count: usize,
-        side: usize,
-    ) -> PyResult<(Bound<'py, PyArray2<f32>>, Bound<'py, PyArray2<i64>>)> {
+    fn octree<'py>(&self, py: Python<'py>, count: usize, side: usize) -> PyResult<NodeArrays<'py>> {
         let tree = self.divided(Thresholds { count, size: side });
         let boxes = tree.nodes.iter().flat_map(|node| node.low.into_iter().chain(node.high));
         let links = tree.nodes.iter().flat_map(|node| {

@@ -354,8 +354,8 @@ impl Walk<'_> {
                     self.exact[pixel] = centre;
                 }
                 self.occlusion[pixel] += share;
-                for channel in 0..3 {
-                    self.color[pixel][channel] += share * color[channel];
+                for (sum, channel) in self.color[pixel].iter_mut().zip(color) {
+                    *sum += share * channel;
                 }
             }
         }

@@ -23,14 +23,14 @@ use std::ops::Range;
 pub const SIDE: usize = 16;
 
 /// Samples that are drawn, or set aside, together at most.
-pub const CHUNK: usize = 64;
+pub const CHUNK: usize = 128;
 
 /// Entries behind the last sample, so that blocks of so many can be read from any sample on.
 pub const PADDING: usize = 16;
 
 /// Consecutive samples with this ratio of disparities are not of one chunk, if it has some already.
 const GAP: f32 = 1.05;
-const FEW: usize = 16;
+const FEW: usize = 48;
 
 /// Samples of a tile that lie together in depth.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

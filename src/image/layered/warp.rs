@@ -367,28 +367,34 @@ impl Plan<'_> {
             high: [u8::MAX; 2],
         };
         let mut left = chunks.end;
-        // Samples drawn since it was last asked whether the rest is hidden, and at all.
-        let (mut since, mut drawn) = (PATIENCE, 0);
+        let mut first = true;
         while left > chunks.start {
-            let chunk = &self.tiles.chunks[left - 1];
-            if since >= PATIENCE {
-                since = 0;
-                rest.end = chunk.end;
-                if let Some(fate) = self.left_out(map, &rest, window) {
-                    for fates in &self.fates[chunks.start..left] {
-                        fates.fetch_max(fate, Ordering::Relaxed);
-                    }
-                    return;
+            rest.end = self.tiles.chunks[left - 1].end;
+            if let Some(fate) = self.left_out(map, &rest, window) {
+                for fates in &self.fates[chunks.start..left] {
+                    fates.fetch_max(fate, Ordering::Relaxed);
+                }
+                return;
+            }
+            // What comes first in a tile is seldom hidden if not all of it is: it is drawn without asking.
+            let most = if first { SURFACE } else { PATIENCE };
+            let mut run = rest.samples().end..rest.samples().end;
+            let mut asked = 0;
+            while left > chunks.start && asked < most {
+                left -= 1;
+                let chunk = &self.tiles.chunks[left];
+                asked += chunk.samples().len();
+                let fate = if first { None } else { self.left_out(map, chunk, window) };
+                self.fates[left].fetch_max(fate.unwrap_or(DRAWN), Ordering::Relaxed);
+                if fate.is_some() {
+                    window.put_all(map, self.tiles, run, fallen);
+                    run = chunk.samples().start..chunk.samples().start;
+                } else {
+                    run.start = chunk.samples().start;
                 }
             }
-            left -= 1;
-            let fate = if drawn < SURFACE { None } else { self.left_out(map, chunk, window) };
-            self.fates[left].fetch_max(fate.unwrap_or(DRAWN), Ordering::Relaxed);
-            if fate.is_none() {
-                window.put::<true>(map, self.tiles, chunk.samples(), fallen, false);
-                since += chunk.samples().len();
-                drawn += chunk.samples().len();
-            }
+            window.put_all(map, self.tiles, run, fallen);
+            first = false;
         }
     }
 
@@ -403,13 +409,13 @@ impl Plan<'_> {
     }
 }
 
-/// Samples of a tile that are drawn until it is asked again whether the rest of it is hidden, and those that are drawn
-/// before it is asked of single chunks. Measured: the tests take as long as they save.
-const PATIENCE: usize = 128;
+/// Samples of a tile that are drawn at first, and then, before it is asked again whether the rest of it is hidden.
+/// Measured: asking more often takes longer than what is drawn for it.
 const SURFACE: usize = SIDE * SIDE;
+const PATIENCE: usize = 256;
 
 /// Samples that are mapped together.
-const BATCH: usize = 4 * CHUNK;
+const BATCH: usize = 2 * CHUNK;
 
 /// Samples whose arithmetic is done side by side.
 const BLOCK: usize = PADDING;
@@ -653,6 +659,23 @@ impl View<'_> {
             let new = word(fallen.nearness[i], payload[i]);
             let at = &mut self.words[fallen.cells[i] as usize];
             *at = if DEPTH { (*at).max(new) } else { new };
+        }
+    }
+
+    /// Draws any number of samples, the nearer of two on a pixel.
+    #[inline(always)]
+    fn put_all(
+        &mut self,
+        map: &TileMap<'_>,
+        tiles: &Tiles,
+        samples: std::ops::Range<usize>,
+        fallen: &mut Fallen,
+    ) {
+        let mut at = samples.start;
+        while at < samples.end {
+            let next = (at + BATCH).min(samples.end);
+            self.put::<true>(map, tiles, at..next, fallen, false);
+            at = next;
         }
     }
 
