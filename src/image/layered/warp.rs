@@ -412,7 +412,7 @@ impl Plan<'_> {
 /// Samples of a tile that are drawn at first, and then, before it is asked again whether the rest of it is hidden.
 /// Measured: asking more often takes longer than what is drawn for it.
 const SURFACE: usize = SIDE * SIDE;
-const PATIENCE: usize = 256;
+const PATIENCE: usize = 128;
 
 /// Samples that are mapped together.
 const BATCH: usize = 2 * CHUNK;
