@@ -494,7 +494,8 @@ class DepthImage:
         """(H, W) uint8: which samples are one surface with the ones beside them, as `cut` decides without arguments.
 
         1 where a sample and the one to its right are, plus 2 where it and the one below are, plus 4 where there is a
-        sample, plus 8 where all of the 4 x 4 samples are from the one above and to its left on. It is found once, when a mesh (``splat="mesh"`` of `cyclorama.warp.forward`) is first asked for.
+        sample, plus 8 where all of the 4 x 4 samples are from the one above and to its left on. It is found once, when
+        a mesh (``splat="mesh"`` of `cyclorama.warp.forward`) is first asked for.
         """
         return self._joins(self.ids, None, _SLOPE)
 
