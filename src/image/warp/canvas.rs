@@ -105,24 +105,29 @@ impl Band {
     ///
     /// `tag` goes into the bits of the image.
     #[inline(always)]
-    pub fn draw<C: Colors, const DEPTH: bool>(&mut self, chunk: &Chunk, colors: C, tag: u32, backward: bool) {
+    pub fn draw<C: Colors, const DEPTH: bool>(
+        &mut self,
+        chunk: &mut Chunk,
+        colors: C,
+        tag: u32,
+        backward: bool,
+    ) {
         let count = colors.count();
         assert!(count <= CHUNK && chunk.limit() <= self.words.len());
-        let (mut lower, mut words) = ([0; CHUNK], [0; CHUNK]);
-        colors.unpack(&mut lower);
-        for ((word, &nearness), &lower) in words.iter_mut().zip(&chunk.nearness).zip(&lower) {
-            *word = self::word(nearness, lower | tag);
+        colors.unpack(&mut chunk.colors);
+        for ((word, &nearness), &color) in chunk.words.iter_mut().zip(&chunk.nearness).zip(&chunk.colors) {
+            *word = self::word(nearness, color | tag);
         }
         if backward {
             for i in (0..count).rev() {
                 // SAFETY: `i` is below the count, which is at most CHUNK; cells are below the chunk's limit, which is at
                 // most what there is.
-                unsafe { self.put::<DEPTH>(chunk, &words, i) };
+                unsafe { self.put::<DEPTH>(chunk, i) };
             }
         } else {
             for i in 0..count {
                 // SAFETY: as above.
-                unsafe { self.put::<DEPTH>(chunk, &words, i) };
+                unsafe { self.put::<DEPTH>(chunk, i) };
             }
         }
     }
@@ -142,10 +147,10 @@ impl Band {
     /// # Safety
     /// `sample` is below CHUNK, and its cell has a word.
     #[inline(always)]
-    unsafe fn put<const DEPTH: bool>(&mut self, chunk: &Chunk, words: &[Word; CHUNK], sample: usize) {
+    unsafe fn put<const DEPTH: bool>(&mut self, chunk: &Chunk, sample: usize) {
         // SAFETY: what the caller promises.
         unsafe {
-            let word = *words.get_unchecked(sample);
+            let word = *chunk.words.get_unchecked(sample);
             let at = self.words.get_unchecked_mut(*chunk.cells().get_unchecked(sample) as usize);
             *at = if DEPTH && *at >> 32 > word >> 32 { *at } else { word };
         }

@@ -5,7 +5,7 @@
 //! band are left out.
 
 use super::canvas::{Band, Order};
-use super::mapping::Mapping;
+use super::mapping::{Chunk, Mapping, Reach, Row};
 use super::picture::{Background, Picture};
 use super::sheets::{Sheet, sheets};
 use crate::camera::Camera;
@@ -30,8 +30,18 @@ pub trait Samples: Sync {
     /// The least and the greatest disparity in a row, or a wider range; the first greater than the second if it is empty.
     fn disparities(&self, y: usize) -> [f32; 2];
 
-    /// Draws what a sheet has of a row. `tag` goes into the words.
-    fn draw(&self, mapping: &Mapping, sheet: &Sheet, y: usize, order: Order, tag: u32, band: &mut Band);
+    /// Draws what a sheet has of row `y`. `tag` goes into the words; `chunk` holds anything.
+    #[expect(clippy::too_many_arguments, reason = "what is kept from row to row, and what is of this one")]
+    fn draw(
+        &self,
+        row: &Row<'_>,
+        sheet: &Sheet,
+        y: usize,
+        order: Order,
+        tag: u32,
+        chunk: &mut Chunk,
+        band: &mut Band,
+    );
 }
 
 /// An image on its way.
@@ -39,8 +49,8 @@ pub(super) struct Warp<'a, S> {
     pub samples: &'a S,
     pub mapping: Mapping,
     pub sheets: Vec<Sheet>,
-    /// First and last row of the target that each row may fall on, as real numbers.
-    pub lines: Vec<[f32; 2]>,
+    /// Where the samples of each row may fall.
+    pub reaches: Vec<Reach>,
     /// Bits of a word that say which image it is.
     pub tag: u32,
 }
@@ -99,8 +109,8 @@ pub(super) fn prepare<'a, S: Samples>(
             Order::Depth => vec![Sheet::whole(camera.width, camera.height)],
         };
         let mapping = mapping.with_margin(margin);
-        let lines = InstructionSet::best().run(Reach { samples, mapping: &mapping });
-        Ok(Warp { samples, mapping, sheets, lines, tag: (i as u32) << 24 })
+        let reaches = InstructionSet::best().run(FindReaches { samples, mapping: &mapping });
+        Ok(Warp { samples, mapping, sheets, reaches, tag: (i as u32) << 24 })
     });
     prepared.collect()
 }
@@ -136,30 +146,28 @@ pub(super) fn in_bands(
     }
 }
 
-/// Finds the rows of the target that rows of the source may fall on.
-struct Reach<'a, S> {
+/// Finds where rows of the source may fall.
+struct FindReaches<'a, S> {
     samples: &'a S,
     mapping: &'a Mapping,
 }
 
-impl<S: Samples> Kernel for Reach<'_, S> {
-    type Output = Vec<[f32; 2]>;
+impl<S: Samples> Kernel for FindReaches<'_, S> {
+    type Output = Vec<Reach>;
 
     #[inline(always)]
-    fn run<L: Lanes>(self) -> Vec<[f32; 2]> {
+    fn run<L: Lanes>(self) -> Vec<Reach> {
         let camera = self.samples.camera();
-        let mut lines = Vec::with_capacity(camera.height);
+        let mut reaches = Vec::with_capacity(camera.height);
         for y in 0..camera.height {
             let [least, greatest] = self.samples.disparities(y);
-            lines.push(if least <= greatest {
-                let [first, last] =
-                    self.mapping.row(y).lines([0.0, camera.width as f32 - 1.0], [least, greatest]);
-                [first as f32, last as f32]
+            reaches.push(if least > greatest {
+                Reach::NONE
             } else {
-                [f32::INFINITY, f32::NEG_INFINITY]
+                self.mapping.row(y).reach([0.0, camera.width as f32 - 1.0], [least, greatest])
             });
         }
-        lines
+        reaches
     }
 }
 
@@ -183,14 +191,16 @@ impl<S: Samples> Kernel for Draw<'_, '_, S> {
         let width = self.target.width;
         let bottom = self.top + self.picture.depth.len() / width;
         let mut band = Band::new(width, self.top, bottom, self.radius);
+        let mut chunk = Chunk::default();
         // A pixel more than any rounding of the positions.
         let (first, last) = (band.window.top as f32 - 1.0, band.window.bottom as f32 + 1.0);
         for warp in self.warps {
             for sheet in &warp.sheets {
                 for y in sheet.lines() {
-                    let [least, greatest] = warp.lines[y];
-                    if greatest >= first && least <= last {
-                        warp.samples.draw(&warp.mapping, sheet, y, self.order, warp.tag, &mut band);
+                    let reach = &warp.reaches[y];
+                    if reach.meets(first, last) {
+                        let row = warp.mapping.row(y).within(reach);
+                        warp.samples.draw(&row, sheet, y, self.order, warp.tag, &mut chunk, &mut band);
                     }
                 }
             }

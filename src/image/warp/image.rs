@@ -2,7 +2,7 @@
 
 use super::canvas::{Band, Order};
 use super::forward::Samples;
-use super::mapping::{CHUNK, Chunk, Consecutive, Mapping};
+use super::mapping::{CHUNK, Chunk, Consecutive, Row};
 use super::sheets::Sheet;
 use crate::camera::Camera;
 use crate::error::Error;
@@ -70,35 +70,33 @@ impl Samples for DepthImage<'_> {
     }
 
     #[inline(always)]
-    fn draw(&self, mapping: &Mapping, sheet: &Sheet, y: usize, order: Order, tag: u32, band: &mut Band) {
-        let row = mapping.row(y);
-        let mut chunk = Chunk::default();
+    fn draw(
+        &self,
+        row: &Row<'_>,
+        sheet: &Sheet,
+        y: usize,
+        order: Order,
+        tag: u32,
+        chunk: &mut Chunk,
+        band: &mut Band,
+    ) {
         let line = y * self.camera.width;
-        let (start, end) = (sheet.columns.start, sheet.columns.end);
+        let (start, end, backward) = (sheet.columns.start, sheet.columns.end, sheet.leftward);
         let parts = (end - start).div_ceil(CHUNK);
         for part in 0..parts {
-            let part = if sheet.leftward { parts - 1 - part } else { part };
+            let part = if backward { parts - 1 - part } else { part };
             let first = start + part * CHUNK;
             let last = (first + CHUNK).min(end);
             let at = line + first..line + last;
-            row.project::<_, false>(
-                Consecutive(first),
-                &self.disparity[at.clone()],
-                &band.window,
-                &mut chunk,
-            );
+            row.project::<_, false>(Consecutive(first), &self.disparity[at.clone()], &band.window, chunk);
             if let Some(missing) = self.missing {
                 chunk.leave_out(&missing[at.clone()], &band.window);
             }
             match (self.pixels, order) {
-                (Pixels::Rgb(p), Order::Occlusion) => {
-                    band.draw::<_, false>(&chunk, &p[at], tag, sheet.leftward);
-                }
-                (Pixels::Rgb(p), Order::Depth) => band.draw::<_, true>(&chunk, &p[at], tag, sheet.leftward),
-                (Pixels::Rgba(p), Order::Occlusion) => {
-                    band.draw::<_, false>(&chunk, &p[at], tag, sheet.leftward);
-                }
-                (Pixels::Rgba(p), Order::Depth) => band.draw::<_, true>(&chunk, &p[at], tag, sheet.leftward),
+                (Pixels::Rgb(p), Order::Occlusion) => band.draw::<_, false>(chunk, &p[at], tag, backward),
+                (Pixels::Rgb(p), Order::Depth) => band.draw::<_, true>(chunk, &p[at], tag, backward),
+                (Pixels::Rgba(p), Order::Occlusion) => band.draw::<_, false>(chunk, &p[at], tag, backward),
+                (Pixels::Rgba(p), Order::Depth) => band.draw::<_, true>(chunk, &p[at], tag, backward),
             }
         }
     }

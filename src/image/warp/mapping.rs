@@ -112,6 +112,7 @@ impl Mapping {
             step: single(step),
             offset: single(self.offset),
             near: self.near as f32,
+            in_front: false,
             doubt: [
                 (DOUBT * start.z.abs()) as f32,
                 (DOUBT * step.z.abs()) as f32,
@@ -131,6 +132,8 @@ pub struct Row<'a> {
     step: [f32; 3],
     offset: [f32; 3],
     near: f32,
+    /// All samples are known to be seen wherever they fall: none needs to be asked.
+    in_front: bool,
     /// Rounding of the last coordinate, term by term.
     doubt: [f32; 3],
 }
@@ -202,6 +205,9 @@ pub struct Chunk {
     pub growth: [f32; CHUNK],
     /// Cells of the window that was projected to.
     limit: usize,
+    /// What [`Band::draw`](super::canvas::Band::draw) works with.
+    pub(super) colors: [u32; CHUNK],
+    pub(super) words: [u64; CHUNK],
 }
 
 impl Default for Chunk {
@@ -213,6 +219,8 @@ impl Default for Chunk {
             v: [0.0; CHUNK],
             growth: [0.0; CHUNK],
             limit: 1,
+            colors: [0; CHUNK],
+            words: [0; CHUNK],
         }
     }
 }
@@ -262,7 +270,11 @@ impl Row<'_> {
             for (i, at) in at.iter_mut().enumerate() {
                 *at = columns.column(first + i);
             }
-            doubtful |= self.group::<PLACES>(&at, disparity, window, first, chunk);
+            doubtful |= if self.in_front {
+                self.group::<PLACES, true>(&at, disparity, window, first, chunk)
+            } else {
+                self.group::<PLACES, false>(&at, disparity, window, first, chunk)
+            };
         }
         if !rest.is_empty() {
             let first = groups.len() * GROUP;
@@ -270,7 +282,7 @@ impl Row<'_> {
             for (i, &disparity) in rest.iter().enumerate() {
                 (at[i], filled[i]) = (columns.column(first + i), disparity);
             }
-            doubtful |= self.group::<PLACES>(&at, &filled, window, first, chunk);
+            doubtful |= self.group::<PLACES, false>(&at, &filled, window, first, chunk);
         }
         if doubtful != 0 {
             self.decide::<C, PLACES>(columns, disparity, window, chunk);
@@ -279,7 +291,7 @@ impl Row<'_> {
 
     /// Maps the samples of a group, the chunk's from `first` on; not 0 if float32 can't tell where one of them is.
     #[inline(always)]
-    fn group<const PLACES: bool>(
+    fn group<const PLACES: bool, const IN_FRONT: bool>(
         &self,
         columns: &[f32; GROUP],
         disparity: &[f32; GROUP],
@@ -301,15 +313,17 @@ impl Row<'_> {
             let r = 1.0 / w;
             let u = ((x0 + x * x1) + d * x2) * r;
             let v = ((y0 + x * y1) + d * y2) * r;
-            let inside =
-                (w > 0.0) & (w >= self.near * d) & (u >= 0.0) & (u < width) & (v >= top) & (v < bottom);
+            let seen = IN_FRONT | ((w > 0.0) & (w >= self.near * d));
+            let inside = seen & (u >= 0.0) & (u < width) & (v >= top) & (v < bottom);
             let (column, line) = (if inside { u } else { 0.0 }, if inside { v } else { 0.0 });
             // SAFETY: both lie within an image, whose sides are well below 2^31.
             let (column, line) =
                 unsafe { (column.to_int_unchecked::<i32>(), line.to_int_unchecked::<i32>()) };
             cells[i] = if inside { (line - line0) * stride + column } else { nowhere } as u32;
             nearness[i] = d * r;
-            doubtful |= i32::from(w.abs() <= (doubt0 + x * doubt1) + d * doubt2);
+            if !IN_FRONT {
+                doubtful |= i32::from(w.abs() <= (doubt0 + x * doubt1) + d * doubt2);
+            }
         }
         if PLACES {
             for i in 0..GROUP {
@@ -355,23 +369,53 @@ impl Row<'_> {
         }
     }
 
-    /// Rows of the target that samples of these columns, with disparities within a range, may fall on, as real numbers;
-    /// all of them where some may be behind the eye.
-    pub fn lines(&self, columns: [f32; 2], disparity: [f32; 2]) -> [f64; 2] {
-        let mut range = [f64::INFINITY, f64::NEG_INFINITY];
+    /// The row, of which samples between columns, with disparities within a range, are all that will be mapped.
+    pub fn within(&self, reach: &Reach) -> Self {
+        Self { in_front: reach.in_front, ..self.clone() }
+    }
+
+    /// Where samples of these columns, with disparities within a range, may fall.
+    pub fn reach(&self, columns: [f32; 2], disparity: [f32; 2]) -> Reach {
+        let mapping = self.mapping;
+        let row = mapping.matrix.row(2).abs();
+        let mut reach = Reach { first: f32::INFINITY, last: f32::NEG_INFINITY, in_front: true };
         for x in columns {
             for d in disparity {
-                let p = self.mapping.homogeneous(f64::from(x) + 0.5, self.y, f64::from(d));
+                let (x, d) = (f64::from(x) + 0.5, f64::from(d));
+                let p = mapping.homogeneous(x, self.y, d);
                 // The last coordinate is linear in both: positive at the corners is positive between them, and there
                 // the ratio is greatest and least at corners.
                 if p.z <= 0.0 || p.z.is_nan() {
-                    return [f64::NEG_INFINITY, f64::INFINITY];
+                    return Reach { first: f32::NEG_INFINITY, last: f32::INFINITY, in_front: false };
                 }
-                let v = p.y / p.z;
-                range = [range[0].min(v), range[1].max(v)];
+                let v = (p.y / p.z) as f32;
+                (reach.first, reach.last) = (reach.first.min(v), reach.last.max(v));
+                let rounding = DOUBT * ((row.x * x + row.y * self.y) + (row.z + mapping.offset.z.abs() * d));
+                reach.in_front &= p.z > 2.0 * rounding && p.z >= mapping.near * d + 2.0 * rounding;
             }
         }
-        range
+        reach
+    }
+}
+
+/// Where samples of a row may fall.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Reach {
+    /// First and last row of the target, as real numbers.
+    pub first: f32,
+    pub last: f32,
+    /// None is behind the eye, in its plane or before the near plane, whatever float32 makes of it.
+    pub in_front: bool,
+}
+
+impl Reach {
+    /// Nowhere.
+    pub const NONE: Self = Self { first: f32::INFINITY, last: f32::NEG_INFINITY, in_front: false };
+
+    /// Whether some may fall between rows.
+    #[inline(always)]
+    pub fn meets(&self, first: f32, last: f32) -> bool {
+        self.last >= first && self.first <= last
     }
 }
 
@@ -428,7 +472,16 @@ mod tests {
             let mapping = Mapping::new(&camera(DVec3::ZERO, 0.0, 0.0), &camera(DVec3::from_array(eye), turn[0], turn[1]))
                 .unwrap();
             let mut chunk = Chunk::default();
-            mapping.row(y).project::<_, true>(Consecutive(0), &disparity, &WINDOW, &mut chunk);
+            let row = mapping.row(y);
+            row.project::<_, true>(Consecutive(0), &disparity, &WINDOW, &mut chunk);
+            let bounds = disparity.iter().fold([f32::INFINITY, 0.0_f32], |[a, b], &d| [a.min(d), b.max(d)]);
+            let (reach, mut again) = (row.reach([0.0, 63.0], bounds), Chunk::default());
+            row.within(&reach).project::<_, true>(Consecutive(0), &disparity, &WINDOW, &mut again);
+            prop_assert_eq!(&again.cells[..disparity.len()], &chunk.cells[..disparity.len()]);
+            for &cell in &chunk.cells[..disparity.len()] {
+                let line = cell as usize / WINDOW.stride;
+                prop_assert!(cell == WINDOW.nowhere || reach.meets(line as f32 - 0.01, line as f32 + 1.01));
+            }
             for (x, &d) in disparity.iter().enumerate() {
                 let point = mapping.point(x as f64 + 0.5, y as f64 + 0.5, f64::from(d));
                 let cell = point.map_or(WINDOW.nowhere, |[u, v, _]| WINDOW.cell(u, v));

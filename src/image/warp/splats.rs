@@ -377,8 +377,7 @@ impl Draw<'_, '_, '_> {
             let mut lines = Lines(Default::default());
             for sheet in &warp.sheets {
                 for y in sheet.lines() {
-                    let [least, greatest] = warp.lines[y];
-                    if greatest >= first && least <= last {
+                    if warp.reaches[y].meets(first, last) {
                         let y = y as isize;
                         for row in y - beside..=y + beside {
                             lines.row_mut(row).fill(warp, row, pen.band());
