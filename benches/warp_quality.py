@@ -1,16 +1,16 @@
 """Quality and time of warps: against distance moved, kind of splat and resolution; and the flicker of a walk.
 
-Surfaces are painted with a solid texture whose shortest wave is `--grain` pixels at the mean depth, so the truth is
-known from everywhere. The eye moves in random directions by a share of the reference's mean depth and turns by a degree.
-Figures are over the pixels whose surface the reference saw, holes counted as black: *dB* and *ssim*; *known dB* without
-the holes; *cracks, %* the share of them that are holes. Of all surface pixels *disoccluded, %* were seen by no reference,
-and of these *guessed, %* are covered all the same. *above 3, dB* is what a picture is better than 3 x 3 splats. Meshes are
-cut by slope and ids ("mesh"), by slope alone, or by ids, shared edges and planes alone. Times are whole calls from
-Python on one thread into memory that is there, medians of interleaved rounds.
+Surfaces are painted with a solid texture whose shortest wave is `--grain` pixels long at the mean depth, so the truth
+is known from everywhere. The eye moves in random directions by a share of the reference's mean depth and turns by a
+degree. Figures are over the pixels whose surface the reference saw, holes counted as black: *dB* and *ssim*; *known dB*
+without the holes; *cracks, %* the share of them that are holes. Of all surface pixels *disoccluded, %* were seen by no
+reference, and of these *guessed, %* are covered all the same. *above 3, dB* is what a picture is better than 3 x 3
+splats. Meshes are cut by slope and ids ("mesh"), by slope alone, or by ids, shared edges and planes alone. Times are
+whole calls from Python on one thread into memory that is there, medians of interleaved rounds.
 
 *Flicker*: a walk in small steps, seen by warping the nearest reference, the two nearest ones or a layered image of
-1 + 8 views; holes are black or what the previous picture shows there (`background=`). *flashing, %* are pixels that are wrong
-by more than 32 grey levels while they were right, within 16, in the frame before and the one after.
+1 + 8 views; holes are black or what the previous picture shows there (`background=`). *flashing, %* are pixels that are
+wrong by more than 32 grey levels while they were right, within 16, in the frame before and the one after.
 
 Charts go to out/warp_quality.png and out/warp_flicker.png.
 """

@@ -319,3 +319,44 @@ pub fn reach(x: &[f32; 4], y: &[f32; 4], band: &Band) -> [[f32; 2]; 2] {
     let rows = centres(top, bottom, [band.rows.start as f32, band.rows.end as f32]);
     [[columns[0], rows[0]], [columns[1], rows[1]]]
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn whole_numbers_are_those_of_the_standard_library(value in -1e5_f32..1e5) {
+            prop_assert_eq!(up(value), value.ceil());
+            prop_assert_eq!(down(value), value.floor());
+            prop_assert_eq!(bits(value.abs().floor()), value.abs().floor() as u32);
+        }
+
+        /// Two blocks side by side, and their shared edge anywhere: a point of their union is in one of them.
+        #[test]
+        fn no_point_falls_between_blocks(
+            offsets in prop::array::uniform12(-0.3_f32..0.3), part in 0.0_f32..1.0, cell in 0_usize..3,
+        ) {
+            let x = [0, 1, 2, 3, 4, 5].map(|k| (k % 3) as f32 + offsets[k]);
+            let y = [0, 1, 2, 3, 4, 5].map(|k| (k / 3) as f32 + offsets[6 + k]);
+            // On the shared edge, on the diagonal of the first, at a corner: where rounding would show.
+            let point = match cell {
+                0 => [x[1] + (x[4] - x[1]) * part, y[1] + (y[4] - y[1]) * part],
+                1 => [x[0] + (x[4] - x[0]) * part, y[0] + (y[4] - y[0]) * part],
+                _ => [x[1], y[1]],
+            };
+            let inside = [0, 1].map(|k| {
+                let pick = |of: [f32; 6]| [of[k], of[k + 1], of[k + 3], of[k + 4]];
+                at(point, pick(x), pick(y), [1.0; 4], [1.0; 4])
+            });
+            prop_assert!(inside[0].0 || inside[1].0);
+            for (hit, nearness, within) in inside {
+                if hit {
+                    prop_assert!((nearness - 1.0).abs() < 1e-5);
+                    prop_assert!(within.iter().all(|t| (-1e-6..=1.000_001).contains(t)));
+                }
+            }
+        }
+    }
+}

@@ -100,3 +100,46 @@ fn smooth(flags: &mut [u8], width: usize) {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const RULE: Rule<'_> = Rule { ids: None, adjacency: None, slope: 16.0, step: [0.01, 0.01] };
+
+    proptest! {
+        #[test]
+        fn planes_in_front_of_the_eye_are_one_surface(
+            base in 0.5_f32..2.0, slant in prop::array::uniform2(-0.02_f32..0.02),
+        ) {
+            let at = |x: usize, y: usize| base + slant[0] * x as f32 + slant[1] * y as f32;
+            let disparity: Vec<f32> = (0..8 * 8).map(|i| at(i % 8, i / 8)).collect();
+            let steep = Rule { slope: 0.0, ..RULE };
+            for rule in [RULE, steep] {
+                let flags = joins(&disparity, &[false; 64], 8, &rule);
+                prop_assert!((0..7).all(|y| (0..7).all(|x| flags[y * 8 + x] & 7 == RIGHT | DOWN | PRESENT)));
+                prop_assert!((0..64).all(|i| (flags[i] & SMOOTH != 0) == ((1..6).contains(&(i / 8)) && (1..6).contains(&(i % 8)))));
+            }
+        }
+
+        #[test]
+        fn a_mirrored_image_has_the_same_cuts(
+            disparity in prop::collection::vec(0.0_f32..3.0, 9), missing in prop::collection::vec(prop::bool::weighted(0.2), 9),
+        ) {
+            let flags = joins(&disparity, &missing, 9, &RULE);
+            let back = |mut of: Vec<f32>| { of.reverse(); of };
+            let mirrored = joins(&back(disparity), &missing.iter().rev().copied().collect::<Vec<_>>(), 9, &RULE);
+            for i in 0..8 {
+                prop_assert_eq!(flags[i] & RIGHT, mirrored[7 - i] & RIGHT);
+            }
+        }
+    }
+
+    #[test]
+    fn a_pixel_between_two_surfaces_is_neither() {
+        let mixed = [1.0, 1.0, 1.0, 0.75, 0.5, 0.5, 0.5];
+        let flags = joins(&mixed, &[false; 7], 7, &RULE);
+        assert_eq!([0, 1, 2, 3, 4, 5].map(|i| flags[i] & RIGHT != 0), [true, true, false, false, true, true]);
+    }
+}

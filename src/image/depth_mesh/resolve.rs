@@ -165,3 +165,47 @@ fn between<const CHANNELS: usize>(
     }
     sum.map(|sum| ((sum + all / 2) / all) as u8)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn weights_add_up_and_go_through_the_samples() {
+        for weights in &WEIGHTS {
+            assert_eq!(weights.iter().sum::<i32>(), UNIT);
+        }
+        assert_eq!(WEIGHTS[0], [0, UNIT, 0, 0]);
+        assert_eq!(WEIGHTS[Place::STEPS as usize], [0, 0, UNIT, 0]);
+    }
+
+    proptest! {
+        #[test]
+        fn colours_are_those_of_float64(
+            pixels in prop::collection::vec(prop::array::uniform3(0_u8..), 16), across in 0_u32..=256, down in 0_u32..=256,
+        ) {
+            let cubic_at = |t: f64| {
+                let (s, c) = (t * t, t * t * t);
+                [0.5 * (-c + 2.0 * s - t), 0.5 * (3.0 * c - 5.0 * s + 2.0), 0.5 * (-3.0 * c + 4.0 * s + t), 0.5 * (c - s)]
+            };
+            let linear_at = |t: f64| [0.0, 1.0 - t, t, 0.0];
+            let (u, v) = (f64::from(across) / 256.0, f64::from(down) / 256.0);
+            let mean = |wu: [f64; 4], wv: [f64; 4], c: usize| -> f64 {
+                (0..16).map(|i| f64::from(pixels[i][c]) * wu[i % 4] * wv[i / 4]).sum::<f64>().clamp(0.0, 255.0)
+            };
+            let place = across | down << Place::ROW | Place::ALL << Place::CORNERS;
+            let sample = Sample { key: SOLID, block: 2 * 4 + 2, place };
+            for (flags, wu, wv) in
+                [(SMOOTH, cubic_at(u), cubic_at(v)), (0, linear_at(u), linear_at(v))]
+            {
+                let color = between(&pixels, &[flags; 16], 4, sample);
+                for c in 0..3 {
+                    let expected = mean(wu, wv, c);
+                    // Half a level of the last rounding, and what the weights' rounding makes of it.
+                    prop_assert!((f64::from(color[c]) - expected).abs() < 1.1, "{} for {}", color[c], expected);
+                }
+            }
+        }
+    }
+}
