@@ -200,10 +200,10 @@ mod tests {
                 [(SMOOTH, cubic_at(u), cubic_at(v)), (0, linear_at(u), linear_at(v))]
             {
                 let color = between(&pixels, &[flags; 16], 4, sample);
-                for c in 0..3 {
+                for (c, value) in color.into_iter().enumerate() {
                     let expected = mean(wu, wv, c);
                     // Half a level of the last rounding, and what the weights' rounding makes of it.
-                    prop_assert!((f64::from(color[c]) - expected).abs() < 1.1, "{} for {}", color[c], expected);
+                    prop_assert!((f64::from(value) - expected).abs() < 1.1, "{value} for {expected}");
                 }
             }
         }
