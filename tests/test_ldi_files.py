@@ -25,7 +25,7 @@ def same(a, b):
     arrays = all(
         np.array_equal(getattr(a, name), getattr(b, name)) for name in ("offsets", "color", "disparity", "place")
     )
-    return arrays and a.camera == b.camera
+    return arrays and a.camera == b.camera and (a.normals is None) == (b.normals is None)
 
 
 @given(seed=st.integers(0, 2**32 - 1), most=st.integers(0, 5), size=st.tuples(st.integers(1, 20), st.integers(1, 20)))
@@ -37,6 +37,16 @@ def test_what_is_written_is_read(kind, tmp_path, seed, most, size):
     image.save(tmp_path / f"view.{kind}")
     assert same(image, LayeredDepthImage.load(tmp_path / f"view.{kind}"))
     assert [path.name for path in tmp_path.iterdir()] == [f"view.{kind}"]
+
+
+def test_normals_are_written_and_read(kind, tmp_path):
+    plain = random_layers(np.random.default_rng(6), camera_at())
+    words = np.random.default_rng(7).integers(0, 2**16, plain.samples)
+    image = LayeredDepthImage(plain.camera, plain.offsets, plain.color, plain.disparity, plain.place, words)
+    image.save(tmp_path / f"view.{kind}")
+    back = LayeredDepthImage.load(tmp_path / f"view.{kind}")
+    assert same(image, back) and not same(plain, back)
+    np.testing.assert_array_equal(back.normals, words)
 
 
 def test_plain_numpy_reads_the_samples(tmp_path):

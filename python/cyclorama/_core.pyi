@@ -69,7 +69,7 @@ class Layered:
         footprints: float,
         color: int,
         threads: int | None = None,
-    ) -> tuple[Layered, list[int]]: ...
+    ) -> tuple[Layered, npt.NDArray[np.uint8], npt.NDArray[np.uint32]]: ...
     def warp(
         self,
         camera: tuple[object, ...],

@@ -19,6 +19,7 @@ import numpy.typing as npt
 from . import _core, ldi_storage
 from .camera import Camera, stack
 from .depth_image import DepthImage
+from .normals import encode, of_image
 from .placing import camera_through, construction_cameras, quadrilateral
 from .render import BACKGROUND
 from .warp import Order, Warped, _check_camera, _colors_behind, _fresh, _splat_size
@@ -145,10 +146,13 @@ class LayeredDepthImage:
     place : (N, 2) array_like of int, optional
         Where in its pixel a sample lies: how many sixteenths of a pixel right of and below its centre, -8 to 7. At the
         centre by default.
+    normals : (N,) array_like of uint16, optional
+        The world normal of each sample, as `cyclorama.normals.encode` packs it, for shading that depends on the view.
 
     Attributes
     ----------
     camera : Camera
+    normals : (N,) ndarray of uint16, or None
     merged : tuple of int
         The construction images that `build` merged, by index.
     kept : tuple of int
@@ -175,6 +179,9 @@ class LayeredDepthImage:
     <LayeredDepthImage: 2 x 1, 2 samples, 1.00 a pixel>
     """
 
+    normals: npt.NDArray[np.uint16] | None
+    _sources: tuple[npt.NDArray[np.uint8], npt.NDArray[np.uint32]]
+
     def __init__(
         self,
         camera: Camera,
@@ -182,6 +189,7 @@ class LayeredDepthImage:
         color: npt.ArrayLike,
         disparity: npt.ArrayLike,
         place: npt.ArrayLike | None = None,
+        normals: npt.ArrayLike | None = None,
     ) -> None:
         _check_camera(camera)
         values = np.ascontiguousarray(disparity, dtype=np.float32)
@@ -206,12 +214,16 @@ class LayeredDepthImage:
         self.merged: tuple[int, ...] = ()
         self.kept: tuple[int, ...] = ()
         self.errors: tuple[float, ...] = ()
+        self.normals = (
+            None if normals is None else _own(_integers("normals", normals, (count,), 0, 2**16 - 1).astype(np.uint16))
+        )
 
     @classmethod
     def _of(cls, kernel: _core.Layered, camera: Camera) -> LayeredDepthImage:
         image = cls.__new__(cls)
         image._kernel, image.camera = kernel, camera
         image.merged = image.kept = image.errors = ()
+        image.normals = None
         return image
 
     @classmethod
@@ -224,6 +236,7 @@ class LayeredDepthImage:
         color_tolerance: int = 64,
         max_error: float | None = None,
         held_out: Sequence[DepthImage] | None = None,
+        normals: bool = False,
         threads: int | None = None,
     ) -> LayeredDepthImage:
         """Merge images into one layered image (section 4.3.1 of the dissertation).
@@ -249,6 +262,8 @@ class LayeredDepthImage:
             pixels in which it is not missing; holes count as black. All images are merged if that is not reached.
         held_out : sequence of DepthImage, optional
             Images to judge by. By default the construction images, merged or not: others give an honest answer.
+        normals : bool
+            Also keep each sample's normal, found in the image that it is from (`cyclorama.normals`).
         threads : int, optional
             All cores by default. The answer doesn't depend on it.
 
@@ -279,6 +294,27 @@ class LayeredDepthImage:
             raise ValueError(f"tolerance must be finite and at least 0, got {tolerance}")
         if not (isinstance(color_tolerance, (int, np.integer)) and 0 <= color_tolerance <= 255):
             raise ValueError(f"color_tolerance must be an integer from 0 to 255, got {color_tolerance!r}")
+        layered = cls._fewest(images, tolerance, color_tolerance, max_error, held_out, threads)
+        if normals:
+            words = [encode(of_image(images[0]))] + [encode(of_image(construction[index])) for index in layered.merged]
+            starts = np.cumsum([0, *(word.size for word in words[:-1])])
+            which, pixel = layered._sources
+            layered.normals = _own(np.concatenate([word.reshape(-1) for word in words])[starts[which] + pixel])
+        del layered._sources
+        return layered
+
+    @classmethod
+    def _fewest(
+        cls,
+        images: Sequence[DepthImage],
+        tolerance: float,
+        color_tolerance: int,
+        max_error: float | None,
+        held_out: Sequence[DepthImage] | None,
+        threads: int | None,
+    ) -> LayeredDepthImage:
+        """All images merged, or no more than `max_error` takes."""
+        construction = images[1:]
         if max_error is None:
             if held_out is not None:
                 raise ValueError("held_out is of use only with max_error")
@@ -315,7 +351,7 @@ class LayeredDepthImage:
     ) -> LayeredDepthImage:
         """The first of the images with some of those after it."""
         used = [images[0], *(images[1 + index] for index in which)]
-        kernel, kept = _core.Layered.build(
+        kernel, which_image, pixel = _core.Layered.build(
             stack([image.camera for image in used]),
             [(image.color, image.disparity, image.missing) for image in used],
             float(tolerance),
@@ -323,7 +359,9 @@ class LayeredDepthImage:
             threads,
         )
         image = cls._of(kernel, images[0].camera)
-        image.merged, image.kept = tuple(which), tuple(kept)
+        kept = np.bincount(which_image, minlength=len(used))
+        image.merged, image.kept = tuple(which), tuple(kept.tolist())
+        image._sources = which_image, pixel
         return image
 
     @classmethod
@@ -406,7 +444,7 @@ class LayeredDepthImage:
 
     @property
     def nbytes(self) -> int:
-        """Bytes of the samples and offsets: 8 a sample and 4 a pixel."""
+        """Bytes of the samples and offsets, 8 a sample and 4 a pixel; normals, 2 a sample, count apart."""
         return 8 * self.samples + 4 * (self.camera.width * self.camera.height + 1)
 
     @cached_property
@@ -628,7 +666,9 @@ class LayeredDepthImage:
         gone = np.cumsum(shown[order]) <= loss * shown.sum()
         keep = np.ones(self.samples, np.bool_)
         keep[order[gone]] = False
-        return self._of(self._kernel.filter(keep), self.camera)
+        small = self._of(self._kernel.filter(keep), self.camera)
+        small.normals = None if self.normals is None else _own(self.normals[keep])
+        return small
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes an ``.npz`` that plain NumPy opens, or a deep scanline ``.exr`` (``pip install cyclorama[exr]``).

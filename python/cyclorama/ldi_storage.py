@@ -1,12 +1,12 @@
 """Files of layered images: ``.npz`` that plain NumPy opens, and deep scanline OpenEXR that other programs open.
 
-Both keep every bit. The ``.npz`` has ``offsets``, ``color``, ``disparity`` and ``place`` as `LayeredDepthImage` has
-them, ``K`` and ``world_to_camera``, and a JSON ``header``.
+Both keep every bit. The ``.npz`` has ``offsets``, ``color``, ``disparity`` and ``place`` (and ``normals``) as
+`LayeredDepthImage` has them, ``K`` and ``world_to_camera``, and a JSON ``header``.
 
 The OpenEXR file has a deep pixel for each pixel, its samples nearest first: ``R``, ``G``, ``B`` (half floats: bytes
 over 255, not linearised), ``A`` (1), ``Z`` (depth, float), and what programs that don't know them leave alone:
-``disparity`` (float, as it is: 1 / depth twice isn't), and ``place.x`` and ``place.y`` (sixteenths of a pixel). Its
-header has the camera as JSON under ``cyclorama``.
+``disparity`` (float, as it is: 1 / depth twice isn't), ``place.x`` and ``place.y`` (sixteenths of a pixel), and
+``normal`` (16 bits) if there are any. Its header has the camera as JSON under ``cyclorama``.
 
 A file is written beside its final name and renamed when it is whole.
 """
@@ -68,17 +68,19 @@ def _is_exr(path: str | os.PathLike[str]) -> bool:
 def _save_npz(image: LayeredDepthImage, path: str | os.PathLike[str]) -> None:
     camera = image.camera
     header = {"format": FORMAT, "size": (camera.width, camera.height), "near": camera.near}
+    members: dict[str, npt.NDArray[Any]] = {
+        "header": np.array(json.dumps(header)),
+        "offsets": image.offsets,
+        "color": image.color,
+        "disparity": image.disparity,
+        "place": image.place,
+        "K": camera.K,
+        "world_to_camera": camera.world_to_camera,
+    }
+    if image.normals is not None:
+        members["normals"] = image.normals
     with whole_file(path) as file:
-        np.savez_compressed(
-            file,
-            header=np.array(json.dumps(header)),
-            offsets=image.offsets,
-            color=image.color,
-            disparity=image.disparity,
-            place=image.place,
-            K=camera.K,
-            world_to_camera=camera.world_to_camera,
-        )
+        np.savez_compressed(file, **members)  # type: ignore[arg-type]
 
 
 def _load_npz(path: str | os.PathLike[str]) -> LayeredDepthImage:
@@ -90,7 +92,8 @@ def _load_npz(path: str | os.PathLike[str]) -> LayeredDepthImage:
             if header["format"] != FORMAT:
                 raise ValueError(f"its format is {header['format']!r}, not {FORMAT!r}")
             camera = Camera(file["K"], file["world_to_camera"], *header["size"], near=header["near"])
-            return LayeredDepthImage(camera, file["offsets"], file["color"], file["disparity"], file["place"])
+            normals = file["normals"] if "normals" in file else None
+            return LayeredDepthImage(camera, file["offsets"], file["color"], file["disparity"], file["place"], normals)
     except _UNREADABLE as error:
         raise ValueError(f"{os.fspath(path)} is not a whole layered image: {error}") from error
 
@@ -119,6 +122,8 @@ def _save_exr(image: LayeredDepthImage, path: str | os.PathLike[str]) -> None:
         "place.x": image.place[:, 0].astype(np.float16),
         "place.y": image.place[:, 1].astype(np.float16),
     }
+    if image.normals is not None:
+        values["normal"] = image.normals.astype(np.uint32)
     pixels = {name: _split(array, image.offsets, (camera.height, camera.width)) for name, array in values.items()}
     attributes = {
         "type": OpenEXR.deepscanline,
@@ -164,7 +169,9 @@ def _load_exr(path: str | os.PathLike[str]) -> LayeredDepthImage:
         parts = {name: _joined(channels[name], np.float16)[0] for name in ("R", "G", "B", "place.x", "place.y")}
         color = np.stack([parts[name].astype(np.float64) * 255.0 for name in "RGB"], axis=1)
         place = np.stack([parts["place.x"], parts["place.y"]], axis=1)
-        return LayeredDepthImage(camera, offsets, np.rint(color).astype(np.uint8), disparity, place.astype(np.int8))
+        normals = _joined(channels["normal"], np.uint32)[0] if "normal" in channels else None
+        colors = np.rint(color).astype(np.uint8)
+        return LayeredDepthImage(camera, offsets, colors, disparity, place.astype(np.int8), normals)
     except _UNREADABLE as error:
         raise ValueError(f"{os.fspath(path)} is not a whole layered image: {error}") from error
 

@@ -92,17 +92,17 @@ impl PyLayered {
         Ok(Layered::new(one(&camera)?, offsets, words.collect(), disparities)?.into())
     }
 
-    /// Merges pictures into the first one; also says how many samples of each stayed.
+    /// Merges pictures into the first one; also says which picture and which pixel of it each sample is from.
     #[staticmethod]
     #[pyo3(signature = (cameras, pictures, footprints, color, threads=None))]
-    fn build(
-        py: Python<'_>,
+    fn build<'py>(
+        py: Python<'py>,
         cameras: CameraArrays<'_>,
         pictures: Vec<ImageArrays<'_>>,
         footprints: f64,
         color: u8,
         threads: Option<i64>,
-    ) -> PyResult<(Self, Vec<usize>)> {
+    ) -> PyResult<(Self, Bound<'py, PyArray1<u8>>, Bound<'py, PyArray1<u32>>)> {
         let cameras = self::cameras(&cameras)?;
         if cameras.len() != pictures.len() {
             return Err(PyValueError::new_err("a camera for each picture"));
@@ -120,8 +120,10 @@ impl PyLayered {
             })
             .collect::<PyResult<Vec<_>>>()?;
         let conflict = Conflict { footprints, color };
-        let (image, kept) = interrupt::run(py, threads, None, |control| build(&pictures, conflict, control))?;
-        Ok((image.into(), kept))
+        let (image, sources) =
+            interrupt::run(py, threads, None, |control| build(&pictures, conflict, control))?;
+        let images = PyArray1::from_iter(py, sources.iter().map(|source| source.0));
+        Ok((image.into(), images, PyArray1::from_iter(py, sources.iter().map(|source| source.1))))
     }
 
     /// Warps to a camera; says how many samples were drawn, hidden, and beside the image.

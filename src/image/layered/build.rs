@@ -76,9 +76,12 @@ struct Warped {
     pixel: u32,
     color: Color,
     disparity: f32,
+    /// The pixel of its own image.
+    source: u32,
 }
 
-/// Merges images into a layered image of the first one's camera; also says how many samples of each image are in it.
+/// Merges images into a layered image of the first one's camera; also says which image and which pixel of it each sample is
+/// from.
 ///
 /// # Errors
 /// [`Error::Invalid`] for no image, one that isn't whole, or more samples than 32-bit offsets can count;
@@ -87,7 +90,7 @@ pub fn build(
     images: &[Picture<'_>],
     conflict: Conflict,
     control: &Control,
-) -> Result<(Layered, Vec<usize>), Error> {
+) -> Result<(Layered, Vec<(u8, u32)>), Error> {
     let Some(central) = images.first() else {
         return Err(Error::Invalid("no central image".into()));
     };
@@ -118,7 +121,7 @@ pub fn build(
         .collect();
     control.step(1)?;
     let total: usize = rows.iter().map(|row| row.disparities.len()).sum();
-    let mut kept = vec![0; images.len()];
+    let mut sources = Vec::with_capacity(total);
     let mut offsets = Vec::with_capacity(sorted.starts.len());
     let (mut colors, mut disparities) = (Vec::with_capacity(total), Vec::with_capacity(total));
     offsets.push(0);
@@ -127,12 +130,10 @@ pub fn build(
         offsets.extend(row.ends.iter().map(|end| before + end));
         colors.extend(row.colors);
         disparities.extend(row.disparities);
-        for image in row.images {
-            kept[image as usize] += 1;
-        }
+        sources.extend(row.sources);
     }
     let layered = Layered { camera: central.camera.clone(), offsets, colors, disparities };
-    Ok((layered, kept))
+    Ok((layered, sources))
 }
 
 /// All samples of the central image, at their pixels' centres.
@@ -143,6 +144,7 @@ fn whole(image: &Picture<'_>) -> Vec<Warped> {
             pixel: pixel as u32,
             color: pack(image.rgb(pixel)),
             disparity: image.disparity[pixel],
+            source: pixel as u32,
         })
         .collect()
 }
@@ -163,16 +165,20 @@ fn seen_from(image: &Picture<'_>, camera: &Camera) -> Result<Vec<Warped>, Error>
                 pixel: (v as usize * camera.width + u as usize) as u32,
                 color: pack_at(image.rgb(pixel), u - u.floor() - 0.5, v - v.floor() - 0.5),
                 disparity,
+                source: pixel as u32,
             })
         })
     };
     Ok((0..image.camera.height).into_par_iter().flat_map_iter(row).collect())
 }
 
+/// A sample of a pixel: colour and place, disparity, and the image and pixel that it is from.
+type Candidate = (Color, f32, (u8, u32));
+
 /// Warped samples by pixel; within a pixel in the order of the images.
 struct Sorted {
     starts: Vec<u32>,
-    samples: Vec<(Color, f32, u8)>,
+    samples: Vec<Candidate>,
 }
 
 impl Sorted {
@@ -193,11 +199,11 @@ impl Sorted {
             starts[pixel + 1] += starts[pixel];
         }
         let mut next = starts.clone();
-        let mut samples = vec![(0, 0.0, 0); total];
+        let mut samples = vec![(0, 0.0, (0, 0)); total];
         for (image, samples_of) in warped.iter().enumerate() {
             for sample in samples_of {
                 let at = &mut next[sample.pixel as usize];
-                samples[*at as usize] = (sample.color, sample.disparity, image as u8);
+                samples[*at as usize] = (sample.color, sample.disparity, (image as u8, sample.source));
                 *at += 1;
             }
         }
@@ -207,11 +213,11 @@ impl Sorted {
     /// Resolves the conflicts of some pixels and sorts what stays.
     fn merge(&self, pixels: std::ops::Range<usize>, near: f32, tolerance: u8) -> Merged {
         let mut merged = Merged::default();
-        let mut stay: Vec<(Color, f32, u8)> = Vec::new();
+        let mut stay: Vec<Candidate> = Vec::new();
         for pixel in pixels {
             stay.clear();
             for &sample in &self.samples[self.starts[pixel] as usize..self.starts[pixel + 1] as usize] {
-                let same = |other: &(Color, f32, u8)| {
+                let same = |other: &Candidate| {
                     (other.1 - sample.1).abs() <= near * other.1.max(sample.1)
                         && differ(other.0, sample.0) <= tolerance
                 };
@@ -221,10 +227,10 @@ impl Sorted {
             }
             // Stable: of equal depths the earlier image's comes first.
             stay.sort_by(|a, b| b.1.total_cmp(&a.1));
-            for &(color, disparity, image) in &stay {
+            for &(color, disparity, source) in &stay {
                 merged.colors.push(color);
                 merged.disparities.push(disparity);
-                merged.images.push(image);
+                merged.sources.push(source);
             }
             merged.ends.push(merged.colors.len() as u32);
         }
@@ -244,7 +250,7 @@ struct Merged {
     ends: Vec<u32>,
     colors: Vec<Color>,
     disparities: Vec<f32>,
-    images: Vec<u8>,
+    sources: Vec<(u8, u32)>,
 }
 
 #[cfg(test)]
@@ -286,11 +292,16 @@ mod tests {
                 disparity: &disparity[n * i..n * (i + 1)],
                 missing: &missing[n * i..n * (i + 1)],
             });
-            let (built, kept) = build(&images, SAME, &Control::default()).unwrap();
+            let (built, sources) = build(&images, SAME, &Control::default()).unwrap();
             let Layered { camera, offsets, colors, disparities } = built.clone();
             prop_assert!(Layered::new(camera, offsets, colors, disparities).is_ok());
-            prop_assert_eq!(kept.iter().sum::<usize>(), built.len());
-            prop_assert_eq!(kept[0], missing[..n].iter().filter(|m| !**m).count());
+            prop_assert_eq!(sources.len(), built.len());
+            let central = sources.iter().filter(|source| source.0 == 0).count();
+            prop_assert_eq!(central, missing[..n].iter().filter(|m| !**m).count());
+            for (sample, &(image, pixel)) in sources.iter().enumerate() {
+                let at = 3 * (n * image as usize + pixel as usize);
+                prop_assert_eq!(rgb(built.colors()[sample]).as_slice(), &color[at..at + 3]);
+            }
             for pixel in (0..n).filter(|&p| !missing[p]) {
                 prop_assert!(built.samples(pixel).any(|s| built.disparities()[s] == disparity[pixel]));
             }
@@ -302,8 +313,8 @@ mod tests {
         let (camera, disparity) = (camera(0.0, 0.0), vec![0.5; SIDE * SIDE]);
         let (color, missing) = (vec![7; 3 * SIDE * SIDE], vec![false; SIDE * SIDE]);
         let image = Picture { camera: &camera, color: &color, disparity: &disparity, missing: &missing };
-        let (built, kept) = build(&[image; 3], SAME, &Control::default()).unwrap();
-        assert_eq!(kept, [SIDE * SIDE, 0, 0]);
+        let (built, sources) = build(&[image; 3], SAME, &Control::default()).unwrap();
+        assert!(sources.iter().map(|s| s.1).eq(0..(SIDE * SIDE) as u32) && sources.iter().all(|s| s.0 == 0));
         assert_eq!(built.disparities(), disparity);
     }
 
