@@ -56,6 +56,10 @@ fn one(arrays: &CameraArrays<'_>) -> PyResult<Camera> {
 /// Pictures as arrays: colour, disparity, missing.
 type ImageArrays<'py> = (PyReadonlyArray3<'py, u8>, PyReadonlyArray2<'py, f32>, PyReadonlyArray2<'py, bool>);
 
+/// Of each sample.
+type ByteArray<'py> = Bound<'py, PyArray1<u8>>;
+type IndexArray<'py> = Bound<'py, PyArray1<u32>>;
+
 /// Nodes as arrays: boxes; levels, children and counts.
 type NodeArrays<'py> = (Bound<'py, PyArray2<f32>>, Bound<'py, PyArray2<i64>>);
 
@@ -102,7 +106,7 @@ impl PyLayered {
         footprints: f64,
         color: u8,
         threads: Option<i64>,
-    ) -> PyResult<(Self, Bound<'py, PyArray1<u8>>, Bound<'py, PyArray1<u32>>)> {
+    ) -> PyResult<(Self, ByteArray<'py>, IndexArray<'py>)> {
         let cameras = self::cameras(&cameras)?;
         if cameras.len() != pictures.len() {
             return Err(PyValueError::new_err("a camera for each picture"));

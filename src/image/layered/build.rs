@@ -300,7 +300,7 @@ mod tests {
             prop_assert_eq!(central, missing[..n].iter().filter(|m| !**m).count());
             for (sample, &(image, pixel)) in sources.iter().enumerate() {
                 let at = 3 * (n * image as usize + pixel as usize);
-                prop_assert_eq!(rgb(built.colors()[sample]).as_slice(), &color[at..at + 3]);
+                prop_assert_eq!(rgb(built.colors()[sample]), [color[at], color[at + 1], color[at + 2]]);
             }
             for pixel in (0..n).filter(|&p| !missing[p]) {
                 prop_assert!(built.samples(pixel).any(|s| built.disparities()[s] == disparity[pixel]));
