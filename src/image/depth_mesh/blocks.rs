@@ -126,12 +126,14 @@ fn at(
     let second = if upper { -diagonal } else { 0.0 };
     let third = if upper { 0.0 } else { diagonal };
     let sum = first + second + third + last;
-    let inside = (first >= 0.0) & (last >= 0.0) & (sum > 0.0);
     let nearness =
         (first * disparity[0] + second * disparity[1] + third * disparity[2] + last * disparity[3]) / sum;
     let (a, b) = (first * ratio[0], second * ratio[1]);
     let (c, d) = (third * ratio[2], last * ratio[3]);
     let all = a + b + c + d;
+    // Nothing is known of blocks so large or so stretched that their numbers leave the range of float32.
+    let known = (sum > 0.0) & (sum <= f32::MAX) & (all > 0.0) & (all <= f32::MAX) & (nearness <= f32::MAX);
+    let inside = (first >= 0.0) & (last >= 0.0) & known;
     (inside, nearness, [(b + d) / all, (c + d) / all])
 }
 
