@@ -107,6 +107,13 @@ def measure(setting: bench.Setting, move: float, grain: float, rounds: int, seed
     return rows
 
 
+def wider(camera: Camera) -> Camera:
+    """The same view with half as many pixels again each way: a layered image holds what its own frame holds."""
+    K = camera.K.copy()
+    K[:2, 2] += camera.width / 4, camera.height / 4
+    return camera.replace(K=K, width=camera.width * 3 // 2, height=camera.height * 3 // 2)
+
+
 def walk(setting: bench.Setting, grain: float, frames: int) -> list[dict[str, Any]]:
     """What a walk of 40 % of the mean depth looks like, a row for each way to draw it."""
     scene, start = setting.scene, setting.cameras[0]
@@ -121,7 +128,7 @@ def walk(setting: bench.Setting, grain: float, frames: int) -> list[dict[str, An
         return start.replace(world_to_camera=pose)
 
     references = [quality.textured(scene, at(t, -0.02), grain=wave) for t in (0.0, 0.33, 0.67, 1.0)]
-    middle = quality.textured(scene, at(0.5, -0.02), grain=wave)
+    middle = quality.textured(scene, wider(at(0.5, -0.02)), grain=wave)
     around = [quality.textured(scene, at(t, aside), grain=wave) for t in (0, 0.25, 0.75, 1) for aside in (-0.05, 0.05)]
     layered = LayeredDepthImage.build(middle, around)
     cameras = [at(t) for t in np.linspace(0, 1, frames)]
@@ -186,6 +193,8 @@ def draw(rows: list[dict[str, Any]], sizes: list[dict[str, Any]], walks: list[di
                 panel.plot([100 * r["moved"] for r in some], [r[key] for r in some], marker=".", label=splat)
             panel.set_xscale("log")
             panel.set_yscale(scale, **({"linthresh": 0.01} if scale == "symlog" else {}))
+            if scale == "symlog":
+                panel.set_ylim(bottom=0)
             panel.set_xlabel("moved, % of the mean depth")
             panel.set_ylabel(key)
         panels[0][column].set_title(scene)
