@@ -30,7 +30,8 @@ use std::sync::atomic::{AtomicU8, Ordering};
 
 /// Ratio of disparities from which one surface is taken to be before another.
 ///
-/// Measured on rooms and scans: less lets valleys of one surface be filled, more lets what is behind shine through.
+/// Measured in two furnished rooms at 1.01, 1.03 and 1.1: 28.88, 28.91, 28.88 dB and 34.70, 34.76, 34.74 dB. It hardly
+/// matters: less fills valleys of one surface, more lets what is behind shine through.
 pub const STEP: f32 = 1.03;
 
 /// Rows that are drawn, and in which is looked up, by themselves where hidden samples are left out: so few that two
