@@ -15,15 +15,14 @@ from __future__ import annotations
 
 import json
 import os
-import zipfile
-import zlib
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
+from .archives import UNREADABLE, check_format, read_archive, write_archive
 from .camera import Camera
-from .files import whole_file, whole_path
+from .files import whole_path
 
 if TYPE_CHECKING:
     from .ldi import LayeredDepthImage
@@ -31,18 +30,6 @@ if TYPE_CHECKING:
 __all__ = ["load", "save"]
 
 FORMAT = "cyclorama layered depth image 1"
-
-_UNREADABLE = (
-    ValueError,
-    KeyError,
-    TypeError,
-    EOFError,
-    AttributeError,
-    IndexError,
-    NotImplementedError,
-    zipfile.BadZipFile,
-    zlib.error,
-)
 
 
 def save(image: LayeredDepthImage, path: str | os.PathLike[str]) -> None:
@@ -58,6 +45,14 @@ def load(path: str | os.PathLike[str]) -> LayeredDepthImage:
     return _load_exr(path) if _is_exr(path) else _load_npz(path)
 
 
+def _openexr() -> Any:
+    try:
+        import OpenEXR
+    except ImportError as error:
+        raise ImportError(".exr files need OpenEXR: pip install cyclorama[exr]") from error
+    return OpenEXR
+
+
 def _is_exr(path: str | os.PathLike[str]) -> bool:
     ending = os.path.splitext(os.fspath(path))[1].lower()
     if ending not in (".npz", ".exr"):
@@ -67,9 +62,8 @@ def _is_exr(path: str | os.PathLike[str]) -> bool:
 
 def _save_npz(image: LayeredDepthImage, path: str | os.PathLike[str]) -> None:
     camera = image.camera
-    header = {"format": FORMAT, "size": (camera.width, camera.height), "near": camera.near}
+    header = {"size": (camera.width, camera.height), "near": camera.near}
     members: dict[str, npt.NDArray[Any]] = {
-        "header": np.array(json.dumps(header)),
         "offsets": image.offsets,
         "color": image.color,
         "disparity": image.disparity,
@@ -79,27 +73,20 @@ def _save_npz(image: LayeredDepthImage, path: str | os.PathLike[str]) -> None:
     }
     if image.normals is not None:
         members["normals"] = image.normals
-    with whole_file(path) as file:
-        np.savez_compressed(file, **members)  # type: ignore[arg-type]
+    write_archive(path, FORMAT, header, members)
 
 
 def _load_npz(path: str | os.PathLike[str]) -> LayeredDepthImage:
     from .ldi import LayeredDepthImage
 
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            header = json.loads(str(file["header"]))
-            if header["format"] != FORMAT:
-                raise ValueError(f"its format is {header['format']!r}, not {FORMAT!r}")
-            camera = Camera(file["K"], file["world_to_camera"], *header["size"], near=header["near"])
-            normals = file["normals"] if "normals" in file else None
-            return LayeredDepthImage(camera, file["offsets"], file["color"], file["disparity"], file["place"], normals)
-    except _UNREADABLE as error:
-        raise ValueError(f"{os.fspath(path)} is not a whole layered image: {error}") from error
+    with read_archive(path, FORMAT, "layered image") as (header, file):
+        camera = Camera(file["K"], file["world_to_camera"], *header["size"], near=header["near"])
+        normals = file["normals"] if "normals" in file else None
+        return LayeredDepthImage(camera, file["offsets"], file["color"], file["disparity"], file["place"], normals)
 
 
 def _save_exr(image: LayeredDepthImage, path: str | os.PathLike[str]) -> None:
-    import OpenEXR
+    OpenEXR = _openexr()
 
     camera = image.camera
     header = {
@@ -146,7 +133,7 @@ def _split(array: npt.NDArray[Any], offsets: npt.NDArray[np.uint32], shape: tupl
 
 
 def _load_exr(path: str | os.PathLike[str]) -> LayeredDepthImage:
-    import OpenEXR
+    OpenEXR = _openexr()
 
     from .ldi import LayeredDepthImage
 
@@ -158,11 +145,10 @@ def _load_exr(path: str | os.PathLike[str]) -> LayeredDepthImage:
             if "cyclorama" not in attributes:
                 raise ValueError("it has no attribute 'cyclorama'")
             header = json.loads(attributes["cyclorama"])
-            if header["format"] != FORMAT:
-                raise ValueError(f"its format is {header['format']!r}, not {FORMAT!r}")
+            check_format(header, FORMAT)
             camera = Camera(header["K"], header["world_to_camera"], *header["size"], near=header["near"])
             channels = {name: channel.pixels for name, channel in file.channels().items()}
-    except (RuntimeError, OSError, *_UNREADABLE) as error:
+    except (RuntimeError, OSError, *UNREADABLE) as error:
         raise ValueError(f"{os.fspath(path)} is not a whole layered image: {error}") from error
     try:
         disparity, offsets = _joined(channels["disparity"], np.float32)
@@ -172,7 +158,7 @@ def _load_exr(path: str | os.PathLike[str]) -> LayeredDepthImage:
         normals = _joined(channels["normal"], np.uint32)[0] if "normal" in channels else None
         colors = np.rint(color).astype(np.uint8)
         return LayeredDepthImage(camera, offsets, colors, disparity, place.astype(np.int8), normals)
-    except _UNREADABLE as error:
+    except UNREADABLE as error:
         raise ValueError(f"{os.fspath(path)} is not a whole layered image: {error}") from error
 
 

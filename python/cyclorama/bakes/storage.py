@@ -9,10 +9,7 @@ A file is written beside its final name and renamed when it is whole.
 
 from __future__ import annotations
 
-import json
 import os
-import zipfile
-import zlib
 from dataclasses import asdict
 from typing import Any
 
@@ -20,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import bitfield
-from ..files import whole_file
+from ..archives import read_archive, write_archive
 from .viewsphere import ViewSphere
 from .visibility import Settings, Shell, Visibility
 
@@ -28,23 +25,10 @@ __all__ = ["load", "save"]
 
 FORMAT = "cyclorama visibility 1"
 
-#: What NumPy, zipfile and the decoders raise at files that are cut off, damaged or something else.
-_UNREADABLE = (
-    ValueError,
-    KeyError,
-    TypeError,
-    EOFError,
-    AttributeError,
-    NotImplementedError,
-    zipfile.BadZipFile,
-    zlib.error,
-)
-
 
 def save(vis: Visibility, path: str | os.PathLike[str]) -> None:
     """Writes a bake; see `Visibility.save`."""
     header = {
-        "format": FORMAT,
         "settings": asdict(vis.settings),
         "distances": list(vis.distances),
         "center": vis.sphere.center.tolist(),
@@ -56,7 +40,6 @@ def save(vis: Visibility, path: str | os.PathLike[str]) -> None:
         "statement": vis.statement,
     }
     members: dict[str, npt.NDArray[Any]] = {
-        "header": np.array(json.dumps(header)),
         "points": vis.sphere.points,
         "sphere_faces": vis.sphere.faces,
         "probes": vis.probes,
@@ -65,23 +48,16 @@ def save(vis: Visibility, path: str | os.PathLike[str]) -> None:
     if vis.labels is not None:
         members["labels"] = vis.labels
     members |= {f"rows_{name}": array for name, array in _coded(vis).items()}
-    with whole_file(path) as file:
-        np.savez_compressed(file, **members)  # type: ignore[arg-type]
+    write_archive(path, FORMAT, header, members)
 
 
 def load(path: str | os.PathLike[str]) -> Visibility:
     """Reads a bake; see `Visibility.load`."""
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            return _read(file)
-    except _UNREADABLE as error:
-        raise ValueError(f"{os.fspath(path)} is not a whole visibility file: {error}") from error
+    with read_archive(path, FORMAT, "visibility file") as (header, file):
+        return _read(header, file)
 
 
-def _read(file: Any) -> Visibility:
-    header = json.loads(str(file["header"][()]))
-    if header["format"] != FORMAT:
-        raise ValueError(f"its format is {header['format']!r}, not {FORMAT!r}")
+def _read(header: dict[str, Any], file: Any) -> Visibility:
     settings = dict(header["settings"])
     settings["resolution"] = tuple(settings["resolution"])
     size, labels = int(header["faces"]), file["labels"] if "labels" in file else None
