@@ -149,6 +149,8 @@ pub struct Rest<'a, 'b> {
     pub points: usize,
     /// Along each side of a pixel of the first picture.
     pub samples: f64,
+    /// Where thick faces get points in each pixel, instead of points spread over them.
+    pub grid: Option<&'a Offsets>,
     pub spread: &'a Spread,
     pub list: &'a mut Vec<Point>,
 }
@@ -167,7 +169,14 @@ impl Kernel for Rest<'_, '_> {
             }
             self.unclear.widen();
             let (side, doubled_area) = size(corners);
-            let (first, shares) = if doubled_area > THICK * self.samples * side {
+            let thick = doubled_area > THICK * self.samples * side;
+            if let Some(offsets) = self.grid
+                && (thick || doubled_area == 0.0)
+            {
+                self.grid::<L>(owner, &triangle, offsets);
+                continue;
+            }
+            let (first, shares) = if thick {
                 (INTERIOR, 1.0)
             } else {
                 (0, (side / (self.samples * SIDE_PER_SHARE)).clamp(1.0, MOST_SHARES))
@@ -196,6 +205,23 @@ impl Rest<'_, '_> {
             let y = mix(weights, L::splat(a.y), L::splat(b.y), L::splat(c.y)).div(w);
             let front = L::and(w.gt(zero), L::mask(real));
             self.add(owner, x, y, &test, front);
+        }
+    }
+
+    /// The points of a grid finer than the pixels'.
+    #[inline(always)]
+    fn grid<L: Lanes>(&mut self, owner: usize, triangle: &Triangle, offsets: &Offsets) {
+        let test = Test::<L>::new(triangle);
+        for pixel in 0..self.unclear.count() {
+            let (column, row) = self.unclear.pixel(pixel);
+            let (column, row) = (L::splat(self.view.column(column)), L::splat(self.view.row(row)));
+            for first in (0..offsets.count).step_by(L::COUNT) {
+                let real = (1_u32 << (offsets.count - first).min(L::COUNT)) - 1;
+                // SAFETY: the arrays have a register of entries past the last.
+                let (x, y) =
+                    unsafe { (L::load(offsets.x[first..].as_ptr()), L::load(offsets.y[first..].as_ptr())) };
+                self.add(owner, x.add(column), y.add(row), &test, L::mask(real));
+            }
         }
     }
 
@@ -253,6 +279,26 @@ impl<L: Lanes> Test<L> {
 #[inline(always)]
 fn splat<L: Lanes>(n: DVec3) -> [L; 3] {
     [L::splat(n.x), L::splat(n.y), L::splat(n.z)]
+}
+
+/// Where in a pixel the samples of a finer picture would lie, but for its centre.
+pub struct Offsets {
+    count: usize,
+    x: Vec<f64>,
+    y: Vec<f64>,
+}
+
+impl Offsets {
+    pub fn new(samples: usize) -> Self {
+        let at = |index: usize| (index as f64 + 0.5) / samples as f64 - 0.5;
+        let all = (0..samples * samples).map(|index| [at(index % samples), at(index / samples)]);
+        let (mut x, mut y): (Vec<f64>, Vec<f64>) =
+            all.filter(|offset| *offset != [0.0; 2]).map(|[x, y]| (x, y)).unzip();
+        let count = x.len();
+        x.resize(count + MOST_LANES, 0.0);
+        y.resize(count + MOST_LANES, 0.0);
+        Self { count, x, y }
+    }
 }
 
 /// The corners of triples of vertices, packed.

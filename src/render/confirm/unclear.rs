@@ -139,6 +139,18 @@ impl Unclear {
         let (column, row) = (x - self.left, y - rows.start);
         self.wide[row * self.words + column / WORD] >> (column % WORD) & 1 == 1
     }
+
+    /// How many pixels [`widen`](Self::widen) left.
+    pub fn count(&self) -> usize {
+        self.pixels.len()
+    }
+
+    /// One of the pixels of [`widen`](Self::widen).
+    #[inline(always)]
+    pub fn pixel(&self, index: usize) -> (usize, usize) {
+        let [x, y] = self.pixels[index];
+        (x as usize, y as usize)
+    }
 }
 
 /// Squares of [`TILE`] pixels in which something may show that the picture does not.
@@ -161,6 +173,10 @@ impl Busy {
         for &[x, y] in &unclear.pixels {
             self.tiles[y as usize / TILE * self.columns + x as usize / TILE] = true;
         }
+    }
+
+    pub fn count(&self) -> usize {
+        self.tiles.iter().filter(|&&busy| busy).count()
     }
 
     pub fn has(&self, column: usize, row: usize) -> bool {
