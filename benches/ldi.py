@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import gzip
 import time
-from collections.abc import Callable
 from importlib.util import find_spec
 
 import numpy as np
@@ -38,18 +37,6 @@ def picture(scene: cyc.Scene, camera: Camera) -> DepthImage:
     color = np.stack([127 + 60 * waves[0] + 60 * wave for wave in waves], -1)
     lit = 0.7 * np.clip(color, 0, 255) + 0.3 * view.color
     return DepthImage.from_view(view, color=lit.astype(np.uint8))
-
-
-def milliseconds(calls: dict[str, Callable[[], object]], rounds: int) -> dict[str, float]:
-    """Medians, the calls taking turns."""
-    times: dict[str, list[float]] = {name: [] for name in calls}
-    for round_ in range(rounds + 1):
-        for name, call in calls.items():
-            start = time.perf_counter()
-            call()
-            if round_:
-                times[name].append(time.perf_counter() - start)
-    return {name: 1e3 * float(np.median(values)) for name, values in times.items()}
 
 
 def compressed(layered: LayeredDepthImage) -> str:
@@ -126,7 +113,7 @@ def row(
         holes.append([out.hole[seen].mean() for out in outs])
         errors.append([np.square(out.color[seen].astype(float) - truth.color[seen]).mean() for out in outs])
     out, out_1 = cyc.warp.Warped.empty(camera), cyc.warp.Warped.empty(camera)
-    ms = milliseconds(
+    ms = bench.medians(
         {
             "one": lambda: cyc.warp.forward(images[0], camera, out=out_1, threads=1),
             "layered": lambda: layered.warp(camera, out=out, threads=1),

@@ -10,9 +10,6 @@ which depth complexity culling pays. Single thread, 512 x 384, 3 x 3 splats, med
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
-
 import numpy as np
 
 import bench
@@ -23,25 +20,13 @@ SIZE = (512, 384)
 MOVES = {"there": (0.0, 0.0), "aside 5 %": (0.05, 0.0), "ahead 5 %": (0.0, 0.05)}
 
 
-def medians(calls: dict[str, Callable[[], object]], rounds: int) -> dict[str, float]:
-    """Milliseconds of each call, the calls taking turns."""
-    times: dict[str, list[float]] = {name: [] for name in calls}
-    for round_ in range(rounds + 1):
-        for name, call in calls.items():
-            start = time.perf_counter()
-            call()
-            if round_:
-                times[name].append(time.perf_counter() - start)
-    return {name: 1e3 * float(np.median(values)) for name, values in times.items()}
-
-
 def row(name: str, layered: LayeredDepthImage, camera: Camera, rounds: int) -> str:
     out, culled, paper = (cyc.warp.Warped.empty(camera) for _ in range(3))
     whole, exact = layered.warp(camera, out=out), layered.warp(camera, cull="exact", out=culled)
     if not (np.array_equal(whole.color, exact.color) and np.array_equal(whole.depth, exact.depth)):
         raise SystemExit(f"{name}: cull='exact' changed the picture")
     faults = layered.cull_faults(camera)
-    ms = medians(
+    ms = bench.medians(
         {
             "none": lambda: layered.warp(camera, out=out, threads=1),
             "exact": lambda: layered.warp(camera, cull="exact", out=culled, threads=1),
