@@ -110,10 +110,10 @@ def visible(
     rings : int
         For "neighbours": how often. Many rings flood all that faces the eye.
     supersampling : int
-        For "rays": samples along each side of a pixel of the finer picture that is drawn where a view is cluttered, that
-        is, of parts of views in which 0.65 faces a visible one or more remain that the picture doesn't hide and no point
-        decided (not of scans seen whole, but of trees, engines and rooms). Where few faces are in question they get
-        points as dense as its samples instead. 1 does neither.
+        For "rays": samples along each side of a pixel of the finer picture that is drawn of cluttered parts of a view,
+        if 0.65 faces a visible one or more remain that the picture doesn't hide and no point decided (not of scans seen
+        whole, but of trees, engines and rooms). Where few faces are in question they get points as dense as its samples
+        instead. 1 does neither.
     points : int
         For "rays": points tested on a face before it is given up, of which those after the fourth only in cluttered
         views; a long thin face gets more, up to 12 times as many.
