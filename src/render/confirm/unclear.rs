@@ -336,5 +336,32 @@ mod tests {
                 }
             }
         }
+
+        /// Also across the words that columns come in.
+        #[test]
+        fn wide_are_the_pixels_and_those_beside_them(
+            left in 50_usize..70,
+            width in 1_usize..150,
+            height in 1_usize..4,
+            marks in prop::collection::vec((any::<usize>(), any::<usize>()), 0..6),
+        ) {
+            let area = PixelBox { x: left..left + width, y: 7..7 + height };
+            let first = left / WORD * WORD;
+            let words = (area.x.end - first).div_ceil(WORD);
+            let mut unclear =
+                Unclear { area: area.clone(), left: first, words, bits: vec![0; words * height], ..Unclear::default() };
+            let marks: Vec<_> = marks.iter().map(|(x, y)| (left + x % width, 7 + y % height)).collect();
+            for &(x, y) in &marks {
+                unclear.bits[(y - 7) * words + (x - first) / WORD] |= 1 << ((x - first) % WORD);
+            }
+            unclear.widen();
+            for y in area.y.clone() {
+                for x in area.x.clone() {
+                    let beside = marks.iter().any(|mark| mark.0.abs_diff(x) <= 1 && mark.1.abs_diff(y) <= 1);
+                    prop_assert_eq!(unclear.has(x, y), beside);
+                    prop_assert_eq!(unclear.pixels.contains(&[x as u32, y as u32]), beside);
+                }
+            }
+        }
     }
 }
