@@ -16,12 +16,14 @@
 
 pub mod adjacency;
 pub mod bitfield;
+pub mod bounds;
 pub mod camera;
 pub mod control;
 pub mod error;
 pub mod image;
 pub mod mesh;
 pub mod patch;
+pub mod placement;
 pub mod render;
 pub mod sphere;
 pub mod visibility;
