@@ -12,6 +12,7 @@ SOURCES = HOUSE / "src"
 MAY_USE = {
     "error": set(),
     "control": set(),
+    "bounds": set(),
     "mesh": set(),
     "camera": {"mesh"},
     "adjacency": set(),
@@ -21,6 +22,7 @@ MAY_USE = {
     "render": {"mesh", "camera", "adjacency"},
     "image": {"mesh", "camera", "render", "adjacency"},
     "visibility": {"mesh", "camera", "render"},
+    "placement": {"bounds", "mesh", "octree"},
 }
 
 

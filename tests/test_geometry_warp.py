@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from peers import need
 
 import cyclorama as cyc
 from cyclorama.geometry_warp import ImagePlane, bend, bent_camera, geometry_matrix
+from peers import need
 
 CORNERS = np.array([[-1.2, 0.9, -3.0], [1.2, 0.9, -3.0], [1.2, -0.9, -3.0], [-1.2, -0.9, -3.0]])
 EYE = np.array([0.1, -0.2, 0.5])
