@@ -214,6 +214,18 @@ def test_a_subset_is_drawn_as_if_the_rest_were_not_there(engine, real_scene, tri
     assert (scene.render(camera, faces=[], engine=engine).ids == BACKGROUND).all()
 
 
+@pytest.mark.parametrize("share", [0.01, 0.3, 0.99])
+def test_a_subset_is_drawn_alike_whether_all_faces_were_drawn_before_or_not(share, rng):
+    pipes = cyc.scenes.pipes(20_000)
+    apart, picked = cyc.Scene(pipes.vertices, pipes.faces), cyc.Scene(pipes.vertices, pipes.faces)
+    chosen = np.flatnonzero(rng.random(len(pipes)) < share).astype(np.uint32)
+    camera = Camera.look_at((0.1, 0.2, 1.5), (0, 0, 0), width=96, height=72)
+    picked.render(camera)
+    views = [scene.render(camera, faces=chosen, engine="raster") for scene in (apart, picked)]
+    np.testing.assert_array_equal(views[0].ids, views[1].ids)
+    np.testing.assert_array_equal(views[0].depth, views[1].depth)
+
+
 # What must hold of any scene
 
 

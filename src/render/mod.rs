@@ -21,6 +21,7 @@ pub mod raster;
 pub mod raycast;
 pub mod scene;
 pub mod seen;
+pub mod selection;
 pub mod shade;
 pub mod stages;
 pub mod triangle;

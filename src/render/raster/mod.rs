@@ -9,6 +9,7 @@ use super::clusters::Clusters;
 use super::frame::{Band, sample};
 use super::lanes::{InstructionSet, Kernel, Lanes};
 use super::pyramid::{PixelBox, Pyramid};
+use super::selection::{Selected, Selection};
 use super::stages::{Clock, Stage, Untimed};
 use super::triangle::Triangle;
 use super::view::{Vertex, View, screen_error};
@@ -25,6 +26,7 @@ pub struct Painter {
     pyramid: Pyramid,
     projected: Box<Projected>,
     hits: Box<Hits>,
+    selected: Box<Selected>,
     stack: Vec<Stop>,
 }
 
@@ -37,10 +39,23 @@ impl Painter {
         self.draw_timed(set, view, clusters, band, &mut Untimed);
     }
 
+    /// [`draw`](Self::draw) only those faces that are selected.
+    pub fn draw_selected(
+        &mut self,
+        set: InstructionSet,
+        view: &View,
+        clusters: &Clusters,
+        selection: &Selection,
+        band: &mut Band<'_>,
+    ) {
+        self.pyramid.clear(band);
+        self.run(set, view, clusters, Some(selection), band, &mut Untimed);
+    }
+
     /// [`draw`](Self::draw) into a band of a frame that is [clear in some squares](super::frame::Frame::clear_some) only.
     pub fn draw_some(&mut self, set: InstructionSet, view: &View, clusters: &Clusters, band: &mut Band<'_>) {
         self.pyramid.read_tiles(band);
-        self.run(set, view, clusters, band, &mut Untimed);
+        self.run(set, view, clusters, None, band, &mut Untimed);
     }
 
     /// [`draw`](Self::draw), telling a clock what is done.
@@ -53,7 +68,7 @@ impl Painter {
         clock: &mut C,
     ) {
         self.pyramid.clear(band);
-        self.run(set, view, clusters, band, clock);
+        self.run(set, view, clusters, None, band, clock);
     }
 
     fn run<C: Clock>(
@@ -61,15 +76,16 @@ impl Painter {
         set: InstructionSet,
         view: &View,
         clusters: &Clusters,
+        selection: Option<&Selection>,
         band: &mut Band<'_>,
         clock: &mut C,
     ) {
         match view.projection {
             Projection::Perspective => {
-                set.run(Draw::<C, true> { painter: self, view, clusters, band, clock })
+                set.run(Draw::<C, true> { painter: self, view, clusters, selection, band, clock })
             }
             Projection::Orthographic => {
-                set.run(Draw::<C, false> { painter: self, view, clusters, band, clock })
+                set.run(Draw::<C, false> { painter: self, view, clusters, selection, band, clock })
             }
         }
     }
@@ -80,6 +96,7 @@ struct Draw<'a, 'b, C: Clock, const PERSPECTIVE: bool> {
     painter: &'a mut Painter,
     view: &'a View,
     clusters: &'a Clusters,
+    selection: Option<&'a Selection>,
     band: &'a mut Band<'b>,
     clock: &'a mut C,
 }
@@ -89,10 +106,20 @@ impl<C: Clock, const PERSPECTIVE: bool> Kernel for Draw<'_, '_, C, PERSPECTIVE> 
 
     #[inline(always)]
     fn run<L: Lanes>(self) {
-        let Self { painter, view, clusters, band, clock } = self;
-        let Painter { pyramid, projected, hits, stack } = painter;
+        let Self { painter, view, clusters, selection, band, clock } = self;
+        let Painter { pyramid, projected, hits, selected, stack } = painter;
         let rows = band.rows.clone();
-        let mut drawing = Drawing::<C, PERSPECTIVE> { view, clusters, band, pyramid, projected, hits, clock };
+        let mut drawing = Drawing::<C, PERSPECTIVE> {
+            view,
+            clusters,
+            selection,
+            band,
+            pyramid,
+            projected,
+            hits,
+            selected,
+            clock,
+        };
         walk::<L>(view, clusters, &rows, 0.0, stack, &mut drawing);
         drawing.clock.lap(Stage::Cull);
     }
@@ -106,10 +133,12 @@ const CLOSE: usize = 24;
 struct Drawing<'a, 'b, C: Clock, const PERSPECTIVE: bool> {
     view: &'a View,
     clusters: &'a Clusters,
+    selection: Option<&'a Selection>,
     band: &'a mut Band<'b>,
     pyramid: &'a mut Pyramid,
     projected: &'a mut Projected,
     hits: &'a mut Hits,
+    selected: &'a mut Selected,
     clock: &'a mut C,
 }
 
@@ -127,9 +156,15 @@ impl<L: Lanes, C: Clock, const PERSPECTIVE: bool> Visitor<L> for Drawing<'_, '_,
 
     #[inline(always)]
     fn visit(&mut self, cluster: u32, stop: &Stop) {
-        let Self { view, band, pyramid, projected, hits, clock, .. } = self;
+        let Self { view, band, pyramid, projected, hits, selected, clock, .. } = self;
         clock.lap(Stage::Cull);
-        let cluster = self.clusters.cluster(cluster);
+        let mut cluster = self.clusters.cluster(cluster);
+        if let Some(selection) = self.selection {
+            match selected.of(&cluster, selection) {
+                Some(part) => cluster = part,
+                None => return,
+            }
+        }
         projected.project::<L, PERSPECTIVE>(view, &cluster, 0.0);
         clock.lap(Stage::Transform);
         projected.sort::<L>(&cluster, &stop.area, SMALL);
