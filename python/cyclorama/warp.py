@@ -17,11 +17,12 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _core
+from .backdrop import backdrop
 from .camera import Camera, stack
 from .depth_image import DepthImage
 from .geometry_warp import geometry_matrix
 
-__all__ = ["NO_SOURCE", "Warped", "fill", "forward", "geometry_matrix", "map"]
+__all__ = ["NO_SOURCE", "Warped", "backdrop", "fill", "forward", "geometry_matrix", "map"]
 
 NO_SOURCE = np.uint8(0xFF)
 """The image in `Warped.source` of pixels that no sample covers."""

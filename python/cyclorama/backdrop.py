@@ -1,0 +1,423 @@
+"""A flat picture instead of all that lies beyond a distance, and geometry that bends to it (sections 5.1 and 5.3).
+
+The quadrilateral of the picture parts the scene in three (5.1.1): *near* geometry, before its plane, is drawn as it is;
+*image* geometry, behind the quadrilateral as seen from the picture's eye, is not drawn at all; *surrounding* geometry,
+behind the plane beside the quadrilateral, is drawn bent, so that it meets the picture's border wherever the eye is.
+Faces that cross the plane are cut there, so that the parts join on it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from .camera import Camera
+from .geometry_warp import ImagePlane, bent_camera
+from .render import BACKGROUND
+from .scene import Scene
+
+__all__ = ["Backdrop", "BackdropWalk", "Composed", "backdrop"]
+
+Floats = npt.NDArray[np.float64]
+
+#: Frames of a transition between geometry and image (5.3.1).
+FRAMES = 5
+
+#: What a pixel of `Composed.layer` shows.
+NOTHING, NEAR, SURROUNDING, IMAGE = range(4)
+
+# Corners within this share of the image's distance from its plane lie on it: cutting there would leave slivers only.
+_ON_PLANE = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Composed:
+    """Geometry and a backdrop in one picture.
+
+    Attributes
+    ----------
+    color : (H, W, 3) ndarray of uint8
+        White where nothing is.
+    depth : (H, W) ndarray of float32
+        Along the camera's axis, of what is shown where it is shown: bent where the geometry is, and of the image's
+        plane. Infinity where nothing is.
+    ids : (H, W) ndarray of uint32
+        The scene's face at each pixel, `BACKGROUND` where there is none or the image is.
+    layer : (H, W) ndarray of uint8
+        0 nothing, 1 near geometry, 2 surrounding geometry, 3 image.
+    faces : int
+        How many faces were drawn; those of the scene that are cut count once for each part.
+    camera : Camera
+        The camera that was asked.
+    """
+
+    color: npt.NDArray[np.uint8]
+    depth: npt.NDArray[np.float32]
+    ids: npt.NDArray[np.uint32]
+    layer: npt.NDArray[np.uint8]
+    faces: int
+    camera: Camera
+
+
+class Backdrop:
+    """A picture of all that a quadrilateral hides from an eye, and the scene parted by it.
+
+    Parameters
+    ----------
+    scene : Scene
+        F faces.
+    corners : (4, 3) array_like of float
+        Top-left, top-right, bottom-right, bottom-left as seen from the eye of `camera`.
+    camera : Camera
+        The pinhole camera that the picture is taken with; its image must hold the quadrilateral.
+
+    Attributes
+    ----------
+    plane : ImagePlane
+        The quadrilateral and the eye.
+    near, image, surrounding : (K,) ndarray of uint32
+        Faces of the scene that have a part in each; one that is cut, or crosses the border, is in several.
+
+    Raises
+    ------
+    ValueError
+        If the corners are no convex quadrilateral in that order, or not all inside the camera's image.
+
+    Examples
+    --------
+    >>> import cyclorama as cyc
+    >>> scene = cyc.scenes.pipes(2_000)
+    >>> camera = cyc.Camera.look_at(scene.center + (0, 0, 3), scene.center, width=64, height=48)
+    >>> drop = backdrop(scene, camera, 3.0)
+    >>> drop.draw(camera).faces < len(scene)
+    True
+    """
+
+    def __init__(self, scene: Scene, corners: npt.ArrayLike, camera: Camera) -> None:
+        self.plane = ImagePlane.of(corners, camera.eye)
+        pixels, _ = camera.project(self.plane.corners)
+        slack = 1e-6 * max(camera.width, camera.height)
+        for index in np.flatnonzero(
+            ~((pixels >= -slack) & (pixels <= (camera.width + slack, camera.height + slack))).all(1)
+        ):
+            raise ValueError(
+                f"corners[{index}] is at pixel {pixels[index].round(2).tolist()}, outside of the camera's "
+                f"image of {camera.width} x {camera.height}"
+            )
+        self.scene = scene
+        self.camera = camera
+        self._beyond: Scene | None = None
+        self._origin = np.empty(0, np.uint32)
+        if (beyond := _cut(scene, self.plane)) is not None:
+            self._beyond, self._origin = beyond
+        before = self.plane.behind(scene.vertices)[scene.faces] < 0
+        self.near = np.flatnonzero(before.any(axis=1)).astype(np.uint32)
+        self._hidden, self._beside = self._parted()
+        self.image = np.unique(self._origin[self._hidden])
+        self.surrounding = np.unique(self._origin[self._beside])
+
+    def _parted(self) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.uint32]]:
+        """Faces beyond the plane that reach behind the quadrilateral, and those that reach beside it."""
+        if self._beyond is None:
+            return np.empty(0, np.uint32), np.empty(0, np.uint32)
+        inside = (self._beyond.vertices - self.plane.eye) @ self.plane.sides().T
+        # How far each corner of each face is inside each side of the pyramid.
+        within = inside[self._beyond.faces]
+        wholly, missed = np.all(within >= 0, axis=(1, 2)), np.any(np.all(within <= 0, axis=1), axis=1)
+        return np.flatnonzero(~missed).astype(np.uint32), np.flatnonzero(~wholly).astype(np.uint32)
+
+    @cached_property
+    def picture(self) -> npt.NDArray[np.uint8]:
+        """(H, W, 4) uint8: what the camera sees beyond the plane; opacity 0 where that is nothing."""
+        shape = (self.camera.height, self.camera.width)
+        if self._beyond is None:
+            return np.zeros((*shape, 4), np.uint8)
+        view = self._beyond.render(self.camera, self._hidden)
+        opacity = np.where(view.ids == BACKGROUND, 0, 255).astype(np.uint8)
+        return np.dstack([view.color, opacity])
+
+    def draw(self, camera: Camera, *, share: float = 1.0) -> Composed:
+        """The scene with the backdrop, as another camera sees it.
+
+        Parameters
+        ----------
+        camera : Camera
+            A pinhole camera whose eye is in front of the image's plane.
+        share : float
+            Of the way from geometry (0) to image (1): between, all that lies beyond the plane is drawn as geometry,
+            bent as if the picture had been made from an eye so far on the way from the camera's to its own (5.1.3).
+
+        Returns
+        -------
+        Composed
+
+        Raises
+        ------
+        ValueError
+            If the eye is not in front of the plane, the camera is orthographic, or `share` is outside [0, 1].
+
+        Notes
+        -----
+        At the picture's own viewpoint nothing moves, whatever `share` is.
+        """
+        if not 0.0 <= share <= 1.0:
+            raise ValueError(f"share must lie in [0, 1], got {share}")
+        self.plane.distance(camera.eye)
+        shape = (camera.height, camera.width)
+        out = Composed(
+            np.full((*shape, 3), 255, np.uint8),
+            np.full(shape, np.inf, np.float32),
+            np.full(shape, BACKGROUND, np.uint32),
+            np.zeros(shape, np.uint8),
+            len(self.near) + len(self._beside if share == 1.0 else self._origin),
+            camera,
+        )
+        from_eye = camera.eye + share * (self.plane.eye - camera.eye)
+        if self._beyond is not None:
+            self._draw_beyond(out, from_eye, self._beside if share == 1.0 else None)
+        if share == 1.0:
+            self._draw_image(out)
+        if len(self.near):
+            self._draw_near(out)
+        return out
+
+    def _draw_beyond(self, out: Composed, from_eye: Floats, faces: npt.NDArray[np.uint32] | None) -> None:
+        assert self._beyond is not None
+        if faces is not None and not len(faces):
+            return
+        plane = ImagePlane(self.plane.corners, from_eye, self.plane.normal, self.plane.distance(from_eye))
+        bent, scale = bent_camera(plane, out.camera)
+        view = self._beyond.render(bent, faces)
+        seen = view.ids != BACKGROUND
+        out.ids[seen] = self._origin[view.ids[seen]]
+        out.depth[seen] = view.depth[seen] * np.float32(scale)
+        out.color[seen] = view.color[seen]
+        out.layer[seen] = SURROUNDING
+
+    def _draw_image(self, out: Composed) -> None:
+        camera = out.camera
+        _, rays = camera.rays()
+        with np.errstate(divide="ignore"):
+            depth = self.plane.distance(camera.eye) / (rays @ self.plane.normal)
+        place = camera.eye + rays * np.where(depth > 0, depth, np.nan)[..., None]
+        inside = ((place - self.plane.eye) @ self.plane.sides().T >= 0).all(-1)
+        color = _sampled(self.picture, self.camera.project(place[inside])[0])
+        # The geometry behind the quadrilateral is the image's, with what the image shows of it.
+        shown = np.zeros_like(inside)
+        shown[inside] = color[:, 3] > 0
+        out.ids[inside], out.layer[inside] = BACKGROUND, np.where(color[:, 3] > 0, IMAGE, NOTHING)
+        out.color[inside] = np.where(color[:, 3:] > 0, color[:, :3], 255)
+        out.depth[inside] = np.inf
+        out.depth[shown] = depth[shown]
+
+    def _draw_near(self, out: Composed) -> None:
+        view = self.scene.render(out.camera, self.near)
+        rays, axis = out.camera.rays()[1], view.depth.astype(np.float64)
+        with np.errstate(invalid="ignore"):
+            before = axis * (rays @ self.plane.normal) < self.plane.distance(out.camera.eye)
+        before &= view.ids != BACKGROUND
+        out.ids[before], out.depth[before] = view.ids[before], view.depth[before]
+        out.color[before], out.layer[before] = view.color[before], NEAR
+
+    def in_view(self, camera: Camera) -> bool:
+        """Whether some of the quadrilateral may be in a camera's image: not wholly outside of one of its sides."""
+        local = self.plane.corners @ camera.world_to_camera[:3, :3].T + camera.world_to_camera[:3, 3]
+        x, y, w = (local @ camera.K.T).T
+        sides = (x, camera.width * w - x, y, camera.height * w - y, w)
+        return not any((side <= 0).all() for side in sides)
+
+
+def backdrop(scene: Scene, camera: Camera, distance: float) -> Backdrop:
+    """All that a camera sees beyond a distance, as a flat picture (section 5.3.1).
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    camera : Camera
+        A pinhole camera; the picture covers its image.
+    distance : float
+        Of the picture's plane from the eye, along the camera's axis, in the scene's units.
+
+    Returns
+    -------
+    Backdrop
+
+    Raises
+    ------
+    ValueError
+        If `distance` is not positive and finite, or the camera is orthographic.
+
+    Examples
+    --------
+    >>> import cyclorama as cyc
+    >>> scene = cyc.scenes.pipes(2_000)
+    >>> camera = cyc.Camera.look_at(scene.center + (0, 0, 3), scene.center, width=64, height=48)
+    >>> drop = backdrop(scene, camera, 3.0)
+    >>> round(drop.plane.height, 6)
+    3.0
+    """
+    if not (np.isfinite(distance) and distance > 0):
+        raise ValueError(f"distance must be positive and finite, got {distance}")
+    camera.eye  # noqa: B018  An orthographic camera says here that it has none.
+    width, height = camera.width, camera.height
+    corners = [(0, 0), (width, 0), (width, height), (0, height)]
+    return Backdrop(scene, camera.unproject(corners, np.full(4, float(distance))), camera)
+
+
+class BackdropWalk:
+    """A backdrop that comes and goes while somebody walks (section 5.3).
+
+    `show` and `hide` begin a transition, which each `frame` takes a step further. It is instantaneous while the
+    quadrilateral is out of view. An eye that comes to the image's plane would see it flip: from `clearance` on the
+    image turns back to geometry, at once if the step went past the plane.
+
+    Parameters
+    ----------
+    backdrop : Backdrop
+        The picture.
+    frames : int
+        Of a transition, at least 1.
+    clearance : float
+        Distance from the plane, as a share of the picture's own, at which the image is given up; in (0, 1).
+
+    Attributes
+    ----------
+    share : float
+        0 geometry, 1 image.
+    shown : bool
+        Where the transition leads.
+
+    Examples
+    --------
+    >>> import cyclorama as cyc
+    >>> scene = cyc.scenes.pipes(2_000)
+    >>> camera = cyc.Camera.look_at(scene.center + (0, 0, 3), scene.center, width=64, height=48)
+    >>> walk = BackdropWalk(backdrop(scene, camera, 3.0), frames=2)
+    >>> walk.show()
+    >>> shares = []
+    >>> for _ in range(3):
+    ...     picture = walk.frame(camera)
+    ...     shares.append(walk.share)
+    >>> shares
+    [0.5, 1.0, 1.0]
+    """
+
+    def __init__(self, backdrop: Backdrop, *, frames: int = FRAMES, clearance: float = 0.2) -> None:
+        if not frames >= 1:
+            raise ValueError(f"frames must be at least 1, got {frames}")
+        if not 0.0 < clearance < 1.0:
+            raise ValueError(f"clearance must lie in (0, 1), got {clearance}")
+        self.backdrop = backdrop
+        self.frames = int(frames)
+        self.clearance = float(clearance)
+        self.shown = False
+        self._step = 0
+
+    @property
+    def share(self) -> float:
+        return self._step / self.frames
+
+    def show(self) -> None:
+        """Begins to turn geometry into the image."""
+        self.shown = True
+
+    def hide(self) -> None:
+        """Begins to turn the image into geometry."""
+        self.shown = False
+
+    def frame(self, camera: Camera) -> Composed:
+        """Takes the next step and draws.
+
+        Raises
+        ------
+        ValueError
+            If the camera is orthographic.
+        """
+        plane = self.backdrop.plane
+        distance = -float(plane.behind(camera.eye))
+        if distance <= self.clearance * plane.height:
+            self.shown = False
+        if self.shown:
+            self._step = min(self._step + 1, self.frames)
+        else:
+            self._step = max(self._step - 1, 0)
+        if not self.backdrop.in_view(camera):
+            self._step = self.frames if self.shown else 0
+        if distance <= 0.0:
+            self._step = 0
+        if self._step == 0:
+            return self._plain(camera)
+        return self.backdrop.draw(camera, share=self.share)
+
+    def _plain(self, camera: Camera) -> Composed:
+        view = self.backdrop.scene.render(camera)
+        layer = np.where(view.ids == BACKGROUND, NOTHING, NEAR).astype(np.uint8)
+        return Composed(view.color, view.depth, view.ids, layer, len(self.backdrop.scene), camera)
+
+
+def _cut(scene: Scene, plane: ImagePlane) -> tuple[Scene, npt.NDArray[np.uint32]] | None:
+    """What of a scene lies behind a plane, and the face that each face is a part of; None for nothing."""
+    depth = plane.behind(scene.vertices)
+    depth[np.abs(depth) <= _ON_PLANE * plane.height] = 0.0
+    side = depth[scene.faces]
+    whole = (side >= 0).all(1) & (side > 0).any(1)
+    crossing = np.flatnonzero((side > 0).any(1) & (side < 0).any(1))
+    if not (whole.any() or len(crossing)):
+        return None
+    # Turned so that the corner alone on its side comes first; a corner on the plane counts as behind it.
+    behind = side[crossing] >= 0
+    alone = np.where(behind.sum(1) == 1, behind.argmax(1), (~behind).argmax(1))
+    corners = np.take_along_axis(scene.faces[crossing], (alone[:, None] + np.arange(3)) % 3, axis=1)
+    d = depth[corners]
+    # Where its two edges meet the plane.
+    tips, ends = corners[:, [0, 0]].ravel(), corners[:, 1:].ravel()
+    share = (d[:, :1] / (d[:, :1] - d[:, 1:])).ravel()
+    position = np.asarray(scene.vertices, np.float64)
+    meet = position[tips] + share[:, None] * (position[ends] - position[tips])
+    first = len(position) + 2 * np.arange(len(crossing))
+    one = d[:, 0] > 0
+    tip = np.column_stack([corners[:, 0], first, first + 1])[one]
+    rest = np.column_stack([first, corners[:, 1], corners[:, 2]])[~one]
+    last = np.column_stack([first, corners[:, 2], first + 1])[~one]
+    faces = np.concatenate([scene.faces[whole], tip, rest, last])
+    origin = np.concatenate([np.flatnonzero(whole), crossing[one], crossing[~one], crossing[~one]]).astype(np.uint32)
+    colors = scene.colors
+    if colors is not None and len(colors) == len(position):
+        mixed = colors[tips] + share[:, None] * (colors[ends].astype(np.float64) - colors[tips])
+        colors = np.concatenate([colors, mixed.round().astype(np.uint8)])
+    elif colors is not None:
+        colors = colors[origin]
+    used, index = np.unique(faces, return_inverse=True)
+    vertices = np.concatenate([position, meet])[used]
+    per_vertex = colors is not None and len(colors) == len(position) + len(meet)
+    kept = colors[used] if colors is not None and per_vertex else colors
+    transparent = None if scene.transparent is None else scene.transparent[origin]
+    a, b, c = vertices[index.reshape(-1, 3)].swapaxes(0, 1)
+    if not np.cross(b - a, c - a).any():
+        return None
+    return Scene(vertices, index.reshape(-1, 3), kept, transparent=transparent), origin
+
+
+def _sampled(picture: npt.NDArray[np.uint8], pixels: Floats) -> npt.NDArray[np.uint8]:
+    """(N, 4) a picture at some positions, between its pixel centres in proportion; what is transparent has no share."""
+    height, width = picture.shape[:2]
+    at = np.clip(pixels - 0.5, 0, (width - 1, height - 1))
+    low = np.minimum(at.astype(np.intp), (max(width - 2, 0), max(height - 2, 0)))
+    part = at - low
+    total, weight = np.zeros((len(pixels), 3)), np.zeros(len(pixels))
+    for right in range(min(2, width)):
+        for down in range(min(2, height)):
+            sample = picture[low[:, 1] + down, low[:, 0] + right]
+            share = (part[:, 0] if right else 1 - part[:, 0]) * (part[:, 1] if down else 1 - part[:, 1])
+            share = share * (sample[:, 3] > 0)
+            total += share[:, None] * sample[:, :3]
+            weight += share
+    opaque = weight >= 0.5
+    out = np.zeros((len(pixels), 4), np.uint8)
+    out[opaque, :3] = (total[opaque] / weight[opaque, None]).round()
+    out[opaque, 3] = 255
+    return out

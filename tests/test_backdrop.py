@@ -1,0 +1,217 @@
+"""Scenes with a flat picture in them against rays, one by one, and against the scene itself."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import cyclorama as cyc
+from cyclorama.backdrop import FRAMES, IMAGE, NEAR, NOTHING, SURROUNDING, Backdrop, BackdropWalk, backdrop
+from cyclorama.geometry_warp import bend
+from peers import need
+
+
+@pytest.fixture(scope="module")
+def scene() -> cyc.Scene:
+    return cyc.scenes.pipes(6_000)
+
+
+def taken(scene: cyc.Scene, size: tuple[int, int] = (96, 72)) -> cyc.Camera:
+    eye = scene.center + scene.radius * np.array([0.1, 0.05, 1.6])
+    return cyc.Camera.look_at(eye, scene.center, fov_y=45, width=size[0], height=size[1])
+
+
+def smaller(camera: cyc.Camera, distance: float) -> np.ndarray:
+    """The corners of a quadrilateral over the middle of a camera's image."""
+    w, h = camera.width, camera.height
+    corners = np.array([(0.3 * w, 0.3 * h), (0.7 * w, 0.3 * h), (0.7 * w, 0.8 * h), (0.3 * w, 0.8 * h)])
+    return camera.unproject(corners, np.full(4, distance))
+
+
+def aside(scene: cyc.Scene, camera: cyc.Camera, share: float) -> cyc.Camera:
+    eye = camera.eye + share * scene.radius * np.array([1.0, 0.4, -0.3])
+    return cyc.Camera.look_at(eye, scene.center, fov_y=50, width=camera.width, height=camera.height)
+
+
+def test_the_three_parts_are_the_scene(scene: cyc.Scene) -> None:
+    camera = taken(scene)
+    drop = Backdrop(scene, smaller(camera, 1.6 * scene.radius), camera)
+    parts = [drop.near, drop.image, drop.surrounding]
+    assert all(0 < len(part) < len(scene) for part in parts)
+    assert len(np.unique(np.concatenate(parts))) == len(scene)
+
+
+def test_from_the_picture_s_own_eye_the_scene_looks_as_without(scene: cyc.Scene) -> None:
+    camera = taken(scene)
+    drop = Backdrop(scene, smaller(camera, 1.6 * scene.radius), camera)
+    plain, drawn = scene.render(camera), drop.draw(camera)
+    assert {NOTHING, NEAR, SURROUNDING, IMAGE} == set(np.unique(drawn.layer))
+    # Cut faces have other edges; a pixel centre may lie within rounding of one.
+    assert (drawn.color != plain.color).any(-1).mean() < 2e-3
+    shown = drawn.ids != cyc.BACKGROUND
+    assert (drawn.ids[shown] != plain.ids[shown]).mean() < 2e-3
+    # Shading depends on the face and the eye alone, so the image can be told from its geometry only by its depth.
+    beside = shown & (drawn.ids == plain.ids)
+    np.testing.assert_allclose(drawn.depth[beside], plain.depth[beside], rtol=1e-5)
+
+
+def test_geometry_alone_is_the_scene(scene: cyc.Scene) -> None:
+    camera = taken(scene)
+    drop = backdrop(scene, camera, 1.6 * scene.radius)
+    for share in (0.1, 0.5):
+        other = aside(scene, camera, share)
+        plain, drawn = scene.render(other), drop.draw(other, share=0.0)
+        assert (drawn.ids != plain.ids).mean() < 2e-3
+        assert IMAGE not in drawn.layer
+
+
+@pytest.mark.parametrize("share", [0.4, 1.0])
+def test_each_pixel_shows_what_rays_find(scene: cyc.Scene, share: float) -> None:
+    """Near geometry on the eye's own ray; else the image; else what the image's eye sees at that place of the plane."""
+    open3d = need("open3d")
+    camera = taken(scene)
+    drop = Backdrop(scene, smaller(camera, 1.6 * scene.radius), camera)
+    other = aside(scene, camera, 0.3)
+    drawn = drop.draw(other, share=share)
+    caster = open3d.t.geometry.RaycastingScene()
+    caster.add_triangles(scene.vertices.astype(np.float32), scene.faces)
+
+    def cast(origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        rays = np.concatenate([origins, directions], axis=-1).astype(np.float32)
+        hit = caster.cast_rays(open3d.core.Tensor(rays))
+        return hit["t_hit"].numpy(), hit["primitive_ids"].numpy()
+
+    origins, rays = other.rays()
+    plane = drop.plane
+    depth = plane.distance(other.eye) / (rays @ plane.normal)
+    depth = np.where(depth > 0, depth, np.inf)
+    t, ids = cast(origins, rays)
+    near = t < depth
+    place = origins + rays * np.where(np.isfinite(depth), depth, 1.0)[..., None]
+    inside = ((place - plane.eye) @ plane.sides().T >= 0).all(-1) & np.isfinite(depth)
+    viewer = other.eye + share * (plane.eye - other.eye)
+    # From the place on the plane on, so that nothing before it counts.
+    _, beyond = cast(place, place - viewer)
+    image = inside & ~near & (share == 1.0)
+    expected = np.where(near, ids, np.where(image | ~np.isfinite(depth), cyc.BACKGROUND, beyond))
+    layer = np.where(near, NEAR, np.where(image, IMAGE, np.where(expected == cyc.BACKGROUND, NOTHING, SURROUNDING)))
+    # Embree works in float32: rays that graze an edge or the plane may go either way.
+    unclear = image & (drawn.layer == NOTHING)
+    assert (drawn.ids != expected).mean() < 4e-3
+    assert ((drawn.layer != layer) & ~unclear).mean() < 4e-3
+    if share == 1.0:
+        found = cast(np.broadcast_to(plane.eye, place[image].shape).copy(), place[image] - plane.eye)[0]
+        assert np.isfinite(found).mean() == pytest.approx((drawn.layer[image] == IMAGE).mean(), abs=0.05)
+
+
+def test_a_backdrop_before_everything_and_one_behind_everything(scene: cyc.Scene) -> None:
+    camera = taken(scene)
+    before, behind = backdrop(scene, camera, 0.2 * scene.radius), backdrop(scene, camera, 9 * scene.radius)
+    assert len(before.near) == 0 and len(behind.near) == len(scene)
+    assert len(behind.image) == len(behind.surrounding) == 0
+    plain = scene.render(camera)
+    np.testing.assert_array_equal(behind.draw(camera).ids, plain.ids)
+    np.testing.assert_array_equal(before.draw(camera).color, plain.color)
+    assert before.draw(camera).faces < len(scene)
+
+
+@pytest.mark.parametrize("by", ["faces", "vertices"])
+def test_colors_stay_with_what_is_cut(by: str) -> None:
+    plain = cyc.scenes.pipes(3_000)
+    rng = np.random.default_rng(0)
+    colors = rng.integers(0, 256, (len(plain) if by == "faces" else len(plain.vertices), 3), dtype=np.uint8)
+    painted = cyc.Scene(plain.vertices, plain.faces, colors)
+    camera = taken(painted)
+    drop = backdrop(painted, camera, 1.6 * painted.radius)
+    other = aside(painted, camera, 0.2)
+    same = drop.draw(other, share=0.0).color.astype(int) - painted.render(other).color
+    # A cut face's new corners take the colour between, rounded; how it is lit is rounded too.
+    assert (np.abs(same) > 2).any(-1).mean() < (2e-3 if by == "faces" else 0.05)
+
+
+def test_the_image_s_border_meets_the_bent_geometry(scene: cyc.Scene) -> None:
+    """Face by face: where the border cuts a face, the part that is geometry ends where the image's part begins."""
+    camera = taken(scene, (400, 300))
+    drop = Backdrop(scene, smaller(camera, 1.6 * scene.radius), camera)
+    both = np.intersect1d(drop.image, drop.surrounding)
+    assert len(both) > 20
+    other = aside(scene, camera, 0.5)
+    plane = drop.plane
+    corners = scene.vertices[scene.faces[both]].astype(np.float64)
+    inside = (corners - plane.eye) @ plane.sides().T
+    checked = 0
+    for a, b, p, q in ((0, 1, 0, 1), (1, 2, 1, 2), (2, 0, 2, 0)):
+        for side in range(4):
+            u, v = inside[:, p, side], inside[:, q, side]
+            crosses = (u * v < 0) & (plane.behind(corners[:, a]) > 0) & (plane.behind(corners[:, b]) > 0)
+            share = (u / np.where(crosses, u - v, 1.0))[crosses, None]
+            point = corners[crosses, a] + share * (corners[crosses, b] - corners[crosses, a])
+            bent = other.project(bend(point, plane.corners, plane.eye, other.eye))[0]
+            rays = point - plane.eye
+            place = plane.eye + rays * (plane.height / (rays @ plane.normal))[:, None]
+            ahead = ~np.isnan(bent).any(1)
+            checked += ahead.sum()
+            assert np.abs(bent - other.project(place)[0])[ahead].max(initial=0) < 1e-3
+    assert checked > 20
+
+
+def test_a_transition_takes_its_frames_and_none_where_nobody_looks(scene: cyc.Scene) -> None:
+    camera = taken(scene, (32, 24))
+    drop = backdrop(scene, camera, 1.6 * scene.radius)
+    walk = BackdropWalk(drop)
+    away = cyc.Camera.look_at(camera.eye, 2 * camera.eye - scene.center, width=32, height=24)
+    assert not drop.in_view(away) and drop.in_view(camera)
+
+    def shares(camera: cyc.Camera, count: int) -> list[float]:
+        return [(walk.frame(camera), walk.share)[1] for _ in range(count)]
+
+    assert shares(camera, 1) == [0.0]
+    walk.show()
+    assert shares(camera, FRAMES + 1) == [*(k / FRAMES for k in range(1, FRAMES + 1)), 1.0]
+    walk.hide()
+    assert shares(camera, FRAMES) == [k / FRAMES for k in reversed(range(FRAMES))]
+    walk.show()
+    assert shares(away, 1) == [1.0]
+    walk.hide()
+    assert shares(away, 1) == [0.0]
+
+
+def test_a_step_past_the_image_turns_it_to_geometry_first(scene: cyc.Scene) -> None:
+    camera = taken(scene, (32, 24))
+    drop = backdrop(scene, camera, 1.6 * scene.radius)
+    walk = BackdropWalk(drop, frames=2)
+    walk.show()
+    for _ in range(2):
+        walk.frame(camera)
+    assert walk.share == 1.0
+
+    def at(distance: float) -> cyc.Camera:
+        eye = camera.eye + (drop.plane.height - distance) * drop.plane.normal
+        return cyc.Camera.look_at(eye, eye + drop.plane.normal, width=32, height=24)
+
+    walk.frame(at(0.19 * drop.plane.height))
+    assert (walk.share, walk.shown) == (0.5, False)
+    past = at(-0.1 * drop.plane.height)
+    np.testing.assert_array_equal(walk.frame(past).ids, scene.render(past).ids)
+    assert walk.share == 0.0
+
+
+def test_what_cannot_be_a_backdrop_is_refused(scene: cyc.Scene) -> None:
+    camera = taken(scene, (32, 24))
+    for distance in (0.0, -1.0, np.nan, np.inf):
+        with pytest.raises(ValueError, match="distance must be positive and finite"):
+            backdrop(scene, camera, distance)
+    with pytest.raises(ValueError, match="orthographic camera has no eye"):
+        backdrop(scene, cyc.Camera.orthographic_look_at((0, 0, 1), (0, 0, 0)), 1.0)
+    wide = camera.unproject([(-9, 0), (32, 0), (32, 24), (-9, 24)], np.ones(4))
+    with pytest.raises(ValueError, match=r"corners\[0\] is at pixel \[-9.0, -?0.0\], outside"):
+        Backdrop(scene, wide, camera)
+    drop = backdrop(scene, camera, 1.6 * scene.radius)
+    with pytest.raises(ValueError, match="lies behind the image's plane"):
+        drop.draw(cyc.Camera.look_at(2 * scene.center - camera.eye, scene.center))
+    with pytest.raises(ValueError, match=r"share must lie in \[0, 1\], got 1.5"):
+        drop.draw(camera, share=1.5)
+    with pytest.raises(ValueError, match="frames must be at least 1"):
+        BackdropWalk(drop, frames=0)
+    with pytest.raises(ValueError, match="clearance must lie in"):
+        BackdropWalk(drop, clearance=1.0)
