@@ -22,6 +22,7 @@ pub mod control;
 pub mod error;
 pub mod image;
 pub mod mesh;
+pub mod octree;
 pub mod patch;
 pub mod placement;
 pub mod render;

@@ -1,12 +1,14 @@
-"""Charts of error against cost; needs matplotlib."""
+"""Charts of error against cost, and of lines; needs matplotlib."""
 
 from __future__ import annotations
 
 import io
 import math
 import os
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy.typing as npt
 
 from .files import whole_file
 from .tradeoff import COLORS, COSTS
@@ -14,7 +16,7 @@ from .tradeoff import COLORS, COSTS
 if TYPE_CHECKING:
     from .tradeoff import Tradeoff
 
-__all__ = ["draw"]
+__all__ = ["draw", "lines"]
 
 #: Costs whose axes are logarithmic, and their units; a share has a plain axis.
 UNITS = {"bytes": "B", "time": "s", "query": "s"}
@@ -39,6 +41,75 @@ def draw(chart: Tradeoff, costs: Sequence[str], path: str | os.PathLike[str] | N
     figure.suptitle(
         f"What accuracy costs: {chart.faces:,} faces, {chart.eval_views} random views for each point", color=INK
     )
+    return _kept(figure, path)
+
+
+def lines(
+    series: Mapping[str, tuple[npt.ArrayLike, npt.ArrayLike]],
+    *,
+    x: str,
+    y: str,
+    title: str = "",
+    limits: Mapping[str, float] | None = None,
+    log: Literal["", "x", "y", "xy"] = "",
+    style: Literal["lines", "points", "bars"] = "lines",
+    path: str | os.PathLike[str] | None = None,
+) -> Any:
+    """One panel with a line for each series.
+
+    Parameters
+    ----------
+    series : mapping of str to pair of (N,) array_like
+        What the legend says, and the values along x and y.
+    x, y, title : str
+        What is written beside the axes and above.
+    limits : mapping of str to float, optional
+        Heights that are drawn as broken lines across.
+    log : {"", "x", "y", "xy"}
+        Which axes are logarithmic.
+    style : {"lines", "points", "bars"}
+    path : path-like, optional
+        A picture to write, in the format that its suffix names.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Examples
+    --------
+    >>> figure = lines({"drawn": ([0, 1, 2], [10, 30, 20])}, x="frame", y="faces", limits={"budget": 40})
+    >>> [line.get_label() for line in figure.axes[0].get_lines()]
+    ['drawn', 'budget']
+    """
+    figure = _figure(figsize=(8.2, 4.6), layout="constrained", facecolor="white")
+    panel = figure.subplots()
+    for number, (name, (places, heights)) in enumerate(series.items()):
+        color = COLORS[number % len(COLORS)]
+        if style == "bars":
+            panel.bar(places, heights, color=color, label=name, width=0.8)
+        elif style == "points":
+            panel.plot(places, heights, "o", color=color, markersize=4, label=name)
+        else:
+            panel.plot(places, heights, "-", color=color, linewidth=1.6, label=name)
+    for name, height in (limits or {}).items():
+        panel.axhline(height, color=INK, linewidth=1, linestyle=(0, (5, 3)), label=name)
+    if "x" in log:
+        panel.set_xscale("log")
+    if "y" in log:
+        panel.set_yscale("log")
+    else:
+        panel.set_ylim(bottom=0)
+    panel.set(xlabel=x, ylabel=y)
+    _plain(panel)
+    if len(series) + len(limits or {}) > 1:
+        handles, labels = panel.get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=min(3, len(labels)), frameon=False)
+    if title:
+        figure.suptitle(title, color=INK)
+    return _kept(figure, path)
+
+
+def _kept(figure: Any, path: str | os.PathLike[str] | None) -> Any:
     if path is not None:
         with whole_file(path) as file:
             figure.savefig(file, dpi=160, format=os.fspath(path).rsplit(".", 1)[-1].lower())
@@ -126,6 +197,10 @@ def _panel(panel: Any, chart: Tradeoff, cost: str, floor: float, zero: float | N
             color="#666666",
         )
     panel.set_xlabel(COSTS[cost], color=INK)
+    _plain(panel)
+
+
+def _plain(panel: Any) -> None:
     panel.grid(True, which="major", color="#e4e4e4", linewidth=0.8)
     panel.set_axisbelow(True)
     for side in ("top", "right"):

@@ -6,6 +6,7 @@ mod depth_mesh;
 mod errors;
 mod interrupt;
 mod layered;
+mod octree;
 mod patch;
 mod render;
 mod sphere;
@@ -19,6 +20,7 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     bitfield::register(m)?;
     depth_mesh::register(m)?;
     layered::register(m)?;
+    octree::register(m)?;
     patch::register(m)?;
     render::register(m)?;
     sphere::register(m)?;
