@@ -22,6 +22,7 @@ MAY_USE = {
     "render": {"mesh", "camera", "adjacency"},
     "image": {"mesh", "camera", "render", "adjacency"},
     "visibility": {"mesh", "camera", "render"},
+    "octree": {"bounds", "mesh"},
     "placement": {"bounds", "mesh", "octree"},
 }
 

@@ -364,12 +364,10 @@ _NODE_BYTES = 72
 
 
 def _regions(regions: Any) -> list[Region]:
-    if isinstance(regions, Camera):
+    if isinstance(regions, Camera) or (isinstance(regions, np.ndarray) and regions.ndim == 2):
         return [regions]
     items = list(regions)
-    if items and not isinstance(items[0], Camera) and np.ndim(items[0]) < 2:
-        return [regions]
-    return items
+    return [regions] if items and not isinstance(items[0], Camera) and np.ndim(items[0]) < 2 else items
 
 
 def _planes(name: str, region: Region) -> Floats:
