@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy.typing as npt
@@ -52,7 +52,8 @@ def lines(
     title: str = "",
     limits: Mapping[str, float] | None = None,
     log: Literal["", "x", "y", "xy"] = "",
-    style: Literal["lines", "points", "bars"] = "lines",
+    points: Collection[str] = (),
+    bars: bool = False,
     path: str | os.PathLike[str] | None = None,
 ) -> Any:
     """One panel with a line for each series.
@@ -67,7 +68,10 @@ def lines(
         Heights that are drawn as broken lines across.
     log : {"", "x", "y", "xy"}
         Which axes are logarithmic.
-    style : {"lines", "points", "bars"}
+    points : collection of str
+        Series that are drawn as points.
+    bars : bool
+        Bars instead of lines.
     path : path-like, optional
         A picture to write, in the format that its suffix names.
 
@@ -85,10 +89,10 @@ def lines(
     panel = figure.subplots()
     for number, (name, (places, heights)) in enumerate(series.items()):
         color = COLORS[number % len(COLORS)]
-        if style == "bars":
+        if bars:
             panel.bar(places, heights, color=color, label=name, width=0.8)
-        elif style == "points":
-            panel.plot(places, heights, "o", color=color, markersize=4, label=name)
+        elif name in points:
+            panel.plot(places, heights, "o", color=color, markersize=5, label=name)
         else:
             panel.plot(places, heights, "-", color=color, linewidth=1.6, label=name)
     for name, height in (limits or {}).items():
