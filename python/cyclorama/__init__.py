@@ -1,6 +1,6 @@
 """Cyclorama decides ahead of time what of a 3D scene can be seen from where."""
 
-from . import bitfield, lab, ldi, octree, patches, quality, scenes, sphere, warp
+from . import bitfield, lab, ldi, octree, patches, portals, quality, scenes, sphere, warp
 from .bakes.assembly import Assembly
 from .bakes.baking import bake
 from .bakes.evaluation import Evaluation, evaluate
@@ -46,6 +46,7 @@ __all__ = [
     "merge",
     "octree",
     "patches",
+    "portals",
     "quality",
     "scenes",
     "sphere",

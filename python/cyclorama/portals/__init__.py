@@ -1,0 +1,6 @@
+"""Buildings: cells that open into each other through portals (chapter 6 of the 1998 dissertation)."""
+
+from .building import Building
+from .cells import Cell, Portal
+
+__all__ = ["Building", "Cell", "Portal"]

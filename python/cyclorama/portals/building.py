@@ -1,0 +1,231 @@
+"""What an eye in a building sees through its doors (section 6.2.1)."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..camera import Camera
+from ..scene import Scene
+from .cells import TOUCH, Cell, Portal, parse_cells, parse_portals, winding
+from .cones import Cone
+from .reading import read_building
+
+__all__ = ["Building"]
+
+Floats = npt.NDArray[np.float64]
+Ids = npt.NDArray[np.uint32]
+
+
+class Building:
+    """A scene in cells that open into each other, and outdoors, through portals.
+
+    Parameters
+    ----------
+    scene : Scene
+        F faces.
+    cells : sequence of mapping or Cell
+        Each has a ``name``, and ``min`` and ``max`` (3,) of its box or the ``vertices`` (V, 3) and ``faces`` (T, 3) of
+        its closed surface. No two may overlap; they need not fill the building, but what is seen is what can be reached
+        from cell to cell.
+    portals : sequence of mapping or Portal
+        Each has a ``polygon`` (N, 3), flat and convex, and ``cells`` [a, b], the indices of the cells on both sides; b
+        is None outdoors.
+
+    Attributes
+    ----------
+    cells : list of Cell
+    portals : list of Portal
+    faces : list of (K,) ndarray of uint32
+        The scene's faces that reach into each cell's box; the last entry is outdoors: all that are not wholly inside
+        one box.
+
+    Raises
+    ------
+    ValueError
+        If cells overlap, a portal belongs to no cell or to one that is not there, or a polygon is not flat and convex.
+
+    Examples
+    --------
+    >>> import cyclorama as cyc
+    >>> home = cyc.scenes.house(rooms=3, seed=1)
+    >>> building = Building(home, home.cells, home.portals)
+    >>> eye = (home.cells[0]["min"] + home.cells[0]["max"]) / 2
+    >>> building.cell(eye), building.cell(eye + 1000)
+    (0, None)
+    """
+
+    def __init__(
+        self, scene: Scene, cells: Sequence[Mapping[str, Any] | Cell], portals: Sequence[Mapping[str, Any] | Portal]
+    ) -> None:
+        self.scene = scene
+        self.cells = parse_cells(cells)
+        self.portals = parse_portals(portals, self.cells)
+        self._size = float(np.max(np.ptp([[c.low for c in self.cells], [c.high for c in self.cells]], axis=(0, 1))))
+        self._corners = np.asarray(scene.vertices, np.float64)[scene.faces]
+        self.faces = self._assigned()
+        self._doors: list[list[int]] = [[] for _ in range(len(self.cells) + 1)]
+        for index, portal in enumerate(self.portals):
+            for side in portal.cells:
+                self._doors[len(self.cells) if side is None else side].append(index)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str], scene: Scene) -> Building:
+        """Reads cells and portals from JSON.
+
+        Parameters
+        ----------
+        path : path-like
+            Either ``{"cells": [...], "portals": [...]}`` as the constructor takes them, with null for outdoors; or a
+            building model: ``spaces`` (rooms with ``vertices`` and ``faces``), ``doors`` and ``opening_boxes``
+            (``aabb_min``, ``aabb_max``). Of these, an opening with a door, or between two rooms, becomes a passage, a
+            cell of its own with a portal at each end, and rooms that touch without a wall get a portal there.
+        scene : Scene
+            The building.
+
+        Raises
+        ------
+        ValueError
+            If the file is something else, and as for the constructor.
+        """
+        return cls(scene, *read_building(path))
+
+    def __repr__(self) -> str:
+        return f"<Building: {len(self.cells)} cells, {len(self.portals)} portals, {len(self.scene):,} faces>"
+
+    def cell(self, eye: npt.ArrayLike) -> int | None:
+        """The cell that a point is in; None outdoors, on a portal, and in something solid.
+
+        Solid is what the scene's faces wind around, so it has to be closed; a wall may reach into a cell's box.
+        """
+        at = _eye(eye)
+        return None if self._at_portals(at) or self._is_solid(at) else self._holding(at)
+
+    def _holding(self, eye: Floats) -> int | None:
+        return next((index for index, cell in enumerate(self.cells) if cell.holds(eye)), None)
+
+    def _is_solid(self, eye: Floats) -> bool:
+        return abs(winding(self._corners, eye)) > 0.5
+
+    def _at_portals(self, eye: Floats) -> frozenset[int]:
+        slack = TOUCH * self._size
+        return frozenset(i for i, portal in enumerate(self.portals) if _in_polygon(portal.polygon, eye, slack))
+
+    def visible(self, camera: Camera) -> Ids:
+        """The faces that a camera may see: those in its frustum as far as the portals let it through.
+
+        Parameters
+        ----------
+        camera : Camera
+            A pinhole camera, in a cell, in an opening or outdoors.
+
+        Returns
+        -------
+        (K,) ndarray of uint32
+            Ascending. No visible face is missing, as long as the portals are all openings there are.
+
+        Raises
+        ------
+        ValueError
+            If the eye is in something solid, or the camera is orthographic.
+
+        Notes
+        -----
+        Every sequence of portals is followed, each with the frustum that is left of it. A ray crosses a flat portal
+        once, so none is taken twice and loops end.
+
+        Examples
+        --------
+        >>> import cyclorama as cyc
+        >>> home = cyc.scenes.house(rooms=3, seed=1)
+        >>> building = Building(home, home.cells, home.portals)
+        >>> eye = (home.cells[0]["min"] + home.cells[0]["max"]) / 2
+        >>> len(building.visible(cyc.Camera.look_at(eye, eye + (1, 0, 0)))) < len(home)
+        True
+        """
+        seen = np.zeros(len(self.scene), bool)
+        for place, cone in self.views(camera):
+            faces = self.faces[place]
+            faces = faces[~seen[faces]]
+            seen[faces[~cone.misses(self._corners[faces])]] = True
+        return np.flatnonzero(seen).astype(np.uint32)
+
+    def cells_seen(self, camera: Camera) -> list[int | None]:
+        """The cells that a camera looks into, its own first; None is outdoors."""
+        places = dict.fromkeys(place for place, _ in self.views(camera))
+        return [None if place == len(self.cells) else place for place in places]
+
+    def views(self, camera: Camera) -> Iterator[tuple[int, Cone]]:
+        """Each cell that is looked into, once for each sequence of portals to it, with what is left of the view.
+
+        Outdoors is ``len(cells)``.
+
+        Raises
+        ------
+        ValueError
+            As for `visible`.
+        """
+        cone = Cone.of(camera)
+        places, crossed = self._places(cone.eye)
+        for place in places:
+            yield from self._views(place, cone, crossed)
+
+    def _views(self, place: int, cone: Cone, used: frozenset[int]) -> Iterator[tuple[int, Cone]]:
+        yield place, cone
+        for index in self._doors[place]:
+            if index in used:
+                continue
+            portal = self.portals[index]
+            opening = cone.clip(portal.polygon)
+            narrower = cone.through(opening) if len(opening) >= 3 else None
+            if narrower is not None:
+                first, second = (len(self.cells) if side is None else side for side in portal.cells)
+                yield from self._views(second if first == place else first, narrower, used | {index})
+
+    def _places(self, eye: Floats) -> tuple[list[int], frozenset[int]]:
+        """Where an eye is: a cell, or the sides of the portals that it is in; and those portals."""
+        outdoors = len(self.cells)
+        at_portals = self._at_portals(eye)
+        places = {outdoors if side is None else side for i in at_portals for side in self.portals[i].cells}
+        if not places:
+            if self._is_solid(eye):
+                raise ValueError(f"the eye {eye.tolist()} is inside something solid: nothing can be seen from there")
+            cell = self._holding(eye)
+            places.add(outdoors if cell is None else cell)
+        return sorted(places), at_portals
+
+    def _assigned(self) -> list[Ids]:
+        low, high = self._corners.min(axis=1), self._corners.max(axis=1)
+        slack = TOUCH * self._size
+        indoors = np.zeros(len(low), bool)
+        assigned = []
+        for cell in self.cells:
+            reaches = ((low <= cell.high + slack) & (high >= cell.low - slack)).all(axis=1)
+            assigned.append(np.flatnonzero(reaches).astype(np.uint32))
+            if cell.triangles is None:
+                indoors |= ((low > cell.low + slack) & (high < cell.high - slack)).all(axis=1)
+        return [*assigned, np.flatnonzero(~indoors).astype(np.uint32)]
+
+
+def _in_polygon(polygon: Floats, point: Floats, slack: float) -> bool:
+    """Whether a point lies on a convex polygon, within `slack` of its plane."""
+    middle = polygon.mean(0)
+    along = np.roll(polygon, -1, 0) - polygon
+    normal = np.cross(polygon - middle, np.roll(polygon, -1, 0) - middle).sum(0)
+    normal /= np.linalg.norm(normal)
+    if abs((point - middle) @ normal) > slack:
+        return False
+    inward = np.cross(normal, along)
+    inward /= np.linalg.norm(inward, axis=1, keepdims=True)
+    return bool((((point - polygon) * inward).sum(1) >= -slack).all())
+
+
+def _eye(eye: npt.ArrayLike) -> Floats:
+    at = np.asarray(eye, dtype=np.float64)
+    if at.shape != (3,) or not np.isfinite(at).all():
+        raise ValueError(f"eye must be three finite numbers, got {at.tolist()}")
+    return at
