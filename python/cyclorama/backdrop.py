@@ -16,12 +16,15 @@ import numpy.typing as npt
 
 from .camera import Camera
 from .geometry_warp import ImagePlane, bent_camera
+from .placing import quadrilateral
 from .render import BACKGROUND
 from .scene import Scene
 
 __all__ = ["Backdrop", "BackdropWalk", "Composed", "backdrop"]
 
 Floats = npt.NDArray[np.float64]
+Ids = npt.NDArray[np.uint32]
+Mask = npt.NDArray[np.bool_]
 
 #: Frames of a transition between geometry and image (5.3.1).
 FRAMES = 5
@@ -33,7 +36,7 @@ NOTHING, NEAR, SURROUNDING, IMAGE = range(4)
 _ON_PLANE = 1e-9
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Composed:
     """Geometry and a backdrop in one picture.
 
@@ -60,6 +63,124 @@ class Composed:
     layer: npt.NDArray[np.uint8]
     faces: int
     camera: Camera
+
+    @classmethod
+    def empty(cls, camera: Camera) -> Composed:
+        """Nothing, as a camera sees it."""
+        shape = (camera.height, camera.width)
+        return cls(
+            np.full((*shape, 3), 255, np.uint8),
+            np.full(shape, np.inf, np.float32),
+            np.full(shape, BACKGROUND, np.uint32),
+            np.zeros(shape, np.uint8),
+            0,
+            camera,
+        )
+
+
+class Part:
+    """The part of a scene that one image bends: parted by the image's plane, and by the quadrilateral behind it.
+
+    Parameters
+    ----------
+    scene : Scene
+        What the image's plane parts.
+    faces : (F,) ndarray of uint32
+        What the scene's faces are part of; so they are called in all answers.
+    plane : ImagePlane
+        The quadrilateral and the eye.
+    camera : Camera
+        The pinhole camera, at that eye, that the picture is taken with.
+    """
+
+    def __init__(self, scene: Scene, faces: Ids, plane: ImagePlane, camera: Camera) -> None:
+        self.plane = plane
+        self.camera = camera
+        offset, slack = float(plane.corners[0] @ plane.normal), _ON_PLANE * plane.height
+        self.near = cut(scene, faces, -plane.normal, -offset, slack)
+        self.beyond = cut(scene, faces, plane.normal, offset, slack)
+        self.hidden, self.beside = self._parted()
+
+    def _parted(self) -> tuple[Ids, Ids]:
+        """Faces beyond the plane that reach behind the quadrilateral, and those that reach beside it."""
+        if self.beyond is None:
+            return np.empty(0, np.uint32), np.empty(0, np.uint32)
+        inside = (self.beyond.scene.vertices - self.plane.eye) @ self.plane.sides().T
+        # How far each corner of each face is inside each side of the pyramid.
+        within = inside[self.beyond.scene.faces]
+        wholly, missed = np.all(within >= 0, axis=(1, 2)), np.any(np.all(within <= 0, axis=1), axis=1)
+        return np.flatnonzero(~missed).astype(np.uint32), np.flatnonzero(~wholly).astype(np.uint32)
+
+    @cached_property
+    def picture(self) -> npt.NDArray[np.uint8]:
+        """(H, W, 4) uint8: what the camera sees beyond the plane; opacity 0 where that is nothing."""
+        if self.beyond is None:
+            return np.zeros((self.camera.height, self.camera.width, 4), np.uint8)
+        view = self.beyond.scene.render(self.camera, self.hidden)
+        opacity = np.where(view.ids == BACKGROUND, 0, 255).astype(np.uint8)
+        return np.dstack([view.color, opacity])
+
+    def draw(self, out: Composed, from_eye: Floats, image: bool) -> int:
+        """Adds what `out.camera` sees of it, bent as if the picture had been made from `from_eye`, or with the image.
+
+        How many faces were drawn.
+        """
+        count = 0
+        if self.near is not None:
+            count += self._add(out, self.near, out.camera, 1.0, None, NEAR, None)
+        covered = self._draw_image(out) if image else None
+        faces = self.beside if image else None
+        if self.beyond is not None and (faces is None or len(faces)):
+            plane = ImagePlane(self.plane.corners, from_eye, self.plane.normal, self.plane.distance(from_eye))
+            bent, scale = bent_camera(plane, out.camera)
+            count += self._add(out, self.beyond, bent, scale, faces, SURROUNDING, covered)
+        return count
+
+    @staticmethod
+    def _add(
+        out: Composed, cut: Cut, camera: Camera, scale: float, faces: Ids | None, layer: int, but: Mask | None
+    ) -> int:
+        view = cut.scene.render(camera, faces)
+        depth = view.depth * np.float32(scale)
+        seen = (view.ids != BACKGROUND) & (depth < out.depth)
+        if but is not None:
+            seen &= ~but
+        out.ids[seen], out.layer[seen] = cut.faces[view.ids[seen]], layer
+        out.depth[seen], out.color[seen] = depth[seen], view.color[seen]
+        return len(cut.faces if faces is None else faces)
+
+    def _draw_image(self, out: Composed) -> Mask:
+        """The pixels that look at the quadrilateral."""
+        # Places on the plane are homogeneous combinations of two of its directions and a corner; so each side of the
+        # quadrilateral, and 1 / depth, is a plane over the image.
+        corners = self.plane.corners
+        basis = np.column_stack([corners[1] - corners[0], corners[3] - corners[0], corners[0]])
+        from_pixel = np.linalg.inv(_homogeneous(out.camera, basis))
+        local = (corners - corners[0]) @ np.linalg.pinv(basis[:, :2]).T
+        flat = np.column_stack([local, np.ones(4)])
+        sides = np.cross(flat, np.roll(flat, -1, 0))
+        sides *= np.sign(sides @ flat.mean(0))[:, None]
+        x, y = np.arange(out.camera.width) + 0.5, np.arange(out.camera.height)[:, None] + 0.5
+        forms = np.vstack([sides, [0.0, 0.0, 1.0]]) @ from_pixel
+        inside = np.ones(out.depth.shape, bool)
+        for form in forms[:-1]:
+            inside &= form[0] * x + (form[1] * y + form[2]) >= 0
+        nearness = forms[-1, 0] * x + (forms[-1, 1] * y + forms[-1, 2])
+        inside &= nearness > 0
+        rows, columns = np.nonzero(inside)
+        to_picture = _homogeneous(self.camera, basis) @ from_pixel
+        u, v, w = to_picture @ np.stack([x[columns], y[rows, 0], np.ones(len(rows))])
+        color = _sampled(self.picture, np.column_stack([u / w, v / w]))
+        depth = np.zeros_like(nearness)
+        depth[inside] = 1.0 / nearness[inside]
+        shown = np.zeros_like(inside)
+        shown[inside] = color[:, 3] > 0
+        before = depth[shown] < out.depth[shown]
+        color = color[color[:, 3] > 0][before]
+        shown[shown] = before
+        out.ids[shown], out.layer[shown] = BACKGROUND, IMAGE
+        out.depth[shown], out.color[shown] = depth[shown], color[:, :3]
+        return inside
 
 
 class Backdrop:
@@ -99,45 +220,29 @@ class Backdrop:
     def __init__(self, scene: Scene, corners: npt.ArrayLike, camera: Camera) -> None:
         self.plane = ImagePlane.of(corners, camera.eye)
         pixels, _ = camera.project(self.plane.corners)
-        slack = 1e-6 * max(camera.width, camera.height)
-        for index in np.flatnonzero(
-            ~((pixels >= -slack) & (pixels <= (camera.width + slack, camera.height + slack))).all(1)
-        ):
+        size = (camera.width, camera.height)
+        slack = 1e-6 * max(size)
+        inside = np.all((pixels >= -slack) & (pixels <= np.add(size, slack)), axis=1)
+        for index in np.flatnonzero(~inside):
             raise ValueError(
-                f"corners[{index}] is at pixel {pixels[index].round(2).tolist()}, outside of the camera's "
-                f"image of {camera.width} x {camera.height}"
+                f"corners[{index}] is at pixel {pixels[index].round(2).tolist()}, outside of the camera's image of "
+                f"{camera.width} x {camera.height}"
             )
         self.scene = scene
         self.camera = camera
-        self._beyond: Scene | None = None
-        self._origin = np.empty(0, np.uint32)
-        if (beyond := _cut(scene, self.plane)) is not None:
-            self._beyond, self._origin = beyond
-        before = self.plane.behind(scene.vertices)[scene.faces] < 0
-        self.near = np.flatnonzero(before.any(axis=1)).astype(np.uint32)
-        self._hidden, self._beside = self._parted()
-        self.image = np.unique(self._origin[self._hidden])
-        self.surrounding = np.unique(self._origin[self._beside])
+        self._part = Part(scene, np.arange(len(scene), dtype=np.uint32), self.plane, camera)
 
-    def _parted(self) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.uint32]]:
-        """Faces beyond the plane that reach behind the quadrilateral, and those that reach beside it."""
-        if self._beyond is None:
-            return np.empty(0, np.uint32), np.empty(0, np.uint32)
-        inside = (self._beyond.vertices - self.plane.eye) @ self.plane.sides().T
-        # How far each corner of each face is inside each side of the pyramid.
-        within = inside[self._beyond.faces]
-        wholly, missed = np.all(within >= 0, axis=(1, 2)), np.any(np.all(within <= 0, axis=1), axis=1)
-        return np.flatnonzero(~missed).astype(np.uint32), np.flatnonzero(~wholly).astype(np.uint32)
+    @property
+    def near(self) -> Ids:
+        return _faces(self._part.near)
 
-    @cached_property
-    def picture(self) -> npt.NDArray[np.uint8]:
-        """(H, W, 4) uint8: what the camera sees beyond the plane; opacity 0 where that is nothing."""
-        shape = (self.camera.height, self.camera.width)
-        if self._beyond is None:
-            return np.zeros((*shape, 4), np.uint8)
-        view = self._beyond.render(self.camera, self._hidden)
-        opacity = np.where(view.ids == BACKGROUND, 0, 255).astype(np.uint8)
-        return np.dstack([view.color, opacity])
+    @property
+    def image(self) -> Ids:
+        return _faces(self._part.beyond, self._part.hidden)
+
+    @property
+    def surrounding(self) -> Ids:
+        return _faces(self._part.beyond, self._part.beside)
 
     def draw(self, camera: Camera, *, share: float = 1.0) -> Composed:
         """The scene with the backdrop, as another camera sees it.
@@ -166,61 +271,9 @@ class Backdrop:
         if not 0.0 <= share <= 1.0:
             raise ValueError(f"share must lie in [0, 1], got {share}")
         self.plane.distance(camera.eye)
-        shape = (camera.height, camera.width)
-        out = Composed(
-            np.full((*shape, 3), 255, np.uint8),
-            np.full(shape, np.inf, np.float32),
-            np.full(shape, BACKGROUND, np.uint32),
-            np.zeros(shape, np.uint8),
-            len(self.near) + len(self._beside if share == 1.0 else self._origin),
-            camera,
-        )
-        from_eye = camera.eye + share * (self.plane.eye - camera.eye)
-        if self._beyond is not None:
-            self._draw_beyond(out, from_eye, self._beside if share == 1.0 else None)
-        if share == 1.0:
-            self._draw_image(out)
-        if len(self.near):
-            self._draw_near(out)
+        out = Composed.empty(camera)
+        out.faces = self._part.draw(out, camera.eye + share * (self.plane.eye - camera.eye), share == 1.0)
         return out
-
-    def _draw_beyond(self, out: Composed, from_eye: Floats, faces: npt.NDArray[np.uint32] | None) -> None:
-        assert self._beyond is not None
-        if faces is not None and not len(faces):
-            return
-        plane = ImagePlane(self.plane.corners, from_eye, self.plane.normal, self.plane.distance(from_eye))
-        bent, scale = bent_camera(plane, out.camera)
-        view = self._beyond.render(bent, faces)
-        seen = view.ids != BACKGROUND
-        out.ids[seen] = self._origin[view.ids[seen]]
-        out.depth[seen] = view.depth[seen] * np.float32(scale)
-        out.color[seen] = view.color[seen]
-        out.layer[seen] = SURROUNDING
-
-    def _draw_image(self, out: Composed) -> None:
-        camera = out.camera
-        _, rays = camera.rays()
-        with np.errstate(divide="ignore"):
-            depth = self.plane.distance(camera.eye) / (rays @ self.plane.normal)
-        place = camera.eye + rays * np.where(depth > 0, depth, np.nan)[..., None]
-        inside = ((place - self.plane.eye) @ self.plane.sides().T >= 0).all(-1)
-        color = _sampled(self.picture, self.camera.project(place[inside])[0])
-        # The geometry behind the quadrilateral is the image's, with what the image shows of it.
-        shown = np.zeros_like(inside)
-        shown[inside] = color[:, 3] > 0
-        out.ids[inside], out.layer[inside] = BACKGROUND, np.where(color[:, 3] > 0, IMAGE, NOTHING)
-        out.color[inside] = np.where(color[:, 3:] > 0, color[:, :3], 255)
-        out.depth[inside] = np.inf
-        out.depth[shown] = depth[shown]
-
-    def _draw_near(self, out: Composed) -> None:
-        view = self.scene.render(out.camera, self.near)
-        rays, axis = out.camera.rays()[1], view.depth.astype(np.float64)
-        with np.errstate(invalid="ignore"):
-            before = axis * (rays @ self.plane.normal) < self.plane.distance(out.camera.eye)
-        before &= view.ids != BACKGROUND
-        out.ids[before], out.depth[before] = view.ids[before], view.depth[before]
-        out.color[before], out.layer[before] = view.color[before], NEAR
 
     def in_view(self, camera: Camera) -> bool:
         """Whether some of the quadrilateral may be in a camera's image: not wholly outside of one of its sides."""
@@ -260,12 +313,7 @@ def backdrop(scene: Scene, camera: Camera, distance: float) -> Backdrop:
     >>> round(drop.plane.height, 6)
     3.0
     """
-    if not (np.isfinite(distance) and distance > 0):
-        raise ValueError(f"distance must be positive and finite, got {distance}")
-    camera.eye  # noqa: B018  An orthographic camera says here that it has none.
-    width, height = camera.width, camera.height
-    corners = [(0, 0), (width, 0), (width, height), (0, height)]
-    return Backdrop(scene, camera.unproject(corners, np.full(4, float(distance))), camera)
+    return Backdrop(scene, quadrilateral(camera, distance), camera)
 
 
 class BackdropWalk:
@@ -359,13 +407,37 @@ class BackdropWalk:
         return Composed(view.color, view.depth, view.ids, layer, len(self.backdrop.scene), camera)
 
 
-def _cut(scene: Scene, plane: ImagePlane) -> tuple[Scene, npt.NDArray[np.uint32]] | None:
-    """What of a scene lies behind a plane, and the face that each face is a part of; None for nothing."""
-    depth = plane.behind(scene.vertices)
-    depth[np.abs(depth) <= _ON_PLANE * plane.height] = 0.0
+@dataclass(frozen=True, eq=False)
+class Cut:
+    """A part of a scene, and what its faces are part of."""
+
+    scene: Scene
+    faces: Ids
+
+
+def cut(scene: Scene, faces: Ids, normal: Floats, offset: float, slack: float) -> Cut | None:
+    """What of a scene lies on one side of a plane; None for nothing.
+
+    Parameters
+    ----------
+    scene : Scene
+        F faces.
+    faces : (F,) ndarray of uint32
+        What they are part of.
+    normal : (3,) ndarray of float64
+        Unit vector toward what is kept.
+    offset : float
+        ``normal @ x`` of the plane's points.
+    slack : float
+        Corners within this distance lie on the plane.
+    """
+    depth = np.asarray(scene.vertices, np.float64) @ normal - offset
+    depth[np.abs(depth) <= slack] = 0.0
     side = depth[scene.faces]
     whole = (side >= 0).all(1) & (side > 0).any(1)
     crossing = np.flatnonzero((side > 0).any(1) & (side < 0).any(1))
+    if whole.all():
+        return Cut(scene, faces)
     if not (whole.any() or len(crossing)):
         return None
     # Turned so that the corner alone on its side comes first; a corner on the plane counts as behind it.
@@ -383,7 +455,7 @@ def _cut(scene: Scene, plane: ImagePlane) -> tuple[Scene, npt.NDArray[np.uint32]
     tip = np.column_stack([corners[:, 0], first, first + 1])[one]
     rest = np.column_stack([first, corners[:, 1], corners[:, 2]])[~one]
     last = np.column_stack([first, corners[:, 2], first + 1])[~one]
-    faces = np.concatenate([scene.faces[whole], tip, rest, last])
+    triangles = np.concatenate([scene.faces[whole], tip, rest, last])
     origin = np.concatenate([np.flatnonzero(whole), crossing[one], crossing[~one], crossing[~one]]).astype(np.uint32)
     colors = scene.colors
     if colors is not None and len(colors) == len(position):
@@ -391,7 +463,7 @@ def _cut(scene: Scene, plane: ImagePlane) -> tuple[Scene, npt.NDArray[np.uint32]
         colors = np.concatenate([colors, mixed.round().astype(np.uint8)])
     elif colors is not None:
         colors = colors[origin]
-    used, index = np.unique(faces, return_inverse=True)
+    used, index = np.unique(triangles, return_inverse=True)
     vertices = np.concatenate([position, meet])[used]
     per_vertex = colors is not None and len(colors) == len(position) + len(meet)
     kept = colors[used] if colors is not None and per_vertex else colors
@@ -399,7 +471,18 @@ def _cut(scene: Scene, plane: ImagePlane) -> tuple[Scene, npt.NDArray[np.uint32]
     a, b, c = vertices[index.reshape(-1, 3)].swapaxes(0, 1)
     if not np.cross(b - a, c - a).any():
         return None
-    return Scene(vertices, index.reshape(-1, 3), kept, transparent=transparent), origin
+    return Cut(Scene(vertices, index.reshape(-1, 3), kept, transparent=transparent), faces[origin])
+
+
+def _faces(cut: Cut | None, only: Ids | slice = slice(None)) -> Ids:
+    return np.empty(0, np.uint32) if cut is None else np.unique(cut.faces[only])
+
+
+def _homogeneous(camera: Camera, basis: Floats) -> Floats:
+    """(3, 3) from combinations of two directions and a point to homogeneous pixels, whose last row is depth."""
+    local = camera.world_to_camera[:3, :3] @ basis
+    local[:, 2] += camera.world_to_camera[:3, 3]
+    return np.asarray(camera.K @ local)
 
 
 def _sampled(picture: npt.NDArray[np.uint8], pixels: Floats) -> npt.NDArray[np.uint8]:
