@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .camera import Camera
-from .geometry_warp import ImagePlane, bent_camera
+from .geometry_warp import ImagePlane, Plane, bent_camera
 from .placing import quadrilateral
 from .render import BACKGROUND
 from .scene import Scene
@@ -79,41 +79,53 @@ class Composed:
 
 
 class Part:
-    """The part of a scene that one image bends: parted by the image's plane, and by the quadrilateral behind it.
+    """A part of a scene that bends to one plane, and the image on it.
 
     Parameters
     ----------
     scene : Scene
-        What the image's plane parts.
+        What the plane parts.
     faces : (F,) ndarray of uint32
         What the scene's faces are part of; so they are called in all answers.
-    plane : ImagePlane
-        The quadrilateral and the eye.
-    camera : Camera
-        The pinhole camera, at that eye, that the picture is taken with.
+    plane : Plane
+        The plane and the eye.
+    camera : Camera, optional
+        The pinhole camera, at that eye, that the picture is taken with, if the plane is that of an image.
     """
 
-    def __init__(self, scene: Scene, faces: Ids, plane: ImagePlane, camera: Camera) -> None:
+    def __init__(self, scene: Scene, faces: Ids, plane: Plane, camera: Camera | None = None) -> None:
         self.plane = plane
         self.camera = camera
-        offset, slack = float(plane.corners[0] @ plane.normal), _ON_PLANE * plane.height
-        self.near = cut(scene, faces, -plane.normal, -offset, slack)
-        self.beyond = cut(scene, faces, plane.normal, offset, slack)
-        self.hidden, self.beside = self._parted()
+        slack = _ON_PLANE * plane.height
+        self.near = cut(scene, faces, -plane.normal, -plane.offset, slack)
+        self.beyond = cut(scene, faces, plane.normal, plane.offset, slack)
 
+    @cached_property
     def _parted(self) -> tuple[Ids, Ids]:
         """Faces beyond the plane that reach behind the quadrilateral, and those that reach beside it."""
         if self.beyond is None:
             return np.empty(0, np.uint32), np.empty(0, np.uint32)
+        assert isinstance(self.plane, ImagePlane)
         inside = (self.beyond.scene.vertices - self.plane.eye) @ self.plane.sides().T
         # How far each corner of each face is inside each side of the pyramid.
         within = inside[self.beyond.scene.faces]
         wholly, missed = np.all(within >= 0, axis=(1, 2)), np.any(np.all(within <= 0, axis=1), axis=1)
         return np.flatnonzero(~missed).astype(np.uint32), np.flatnonzero(~wholly).astype(np.uint32)
 
+    @property
+    def hidden(self) -> Ids:
+        """Faces of `beyond` that reach behind the quadrilateral."""
+        return self._parted[0]
+
+    @property
+    def beside(self) -> Ids:
+        """Faces of `beyond` that reach beside it."""
+        return self._parted[1]
+
     @cached_property
     def picture(self) -> npt.NDArray[np.uint8]:
         """(H, W, 4) uint8: what the camera sees beyond the plane; opacity 0 where that is nothing."""
+        assert self.camera is not None
         if self.beyond is None:
             return np.zeros((self.camera.height, self.camera.width, 4), np.uint8)
         view = self.beyond.scene.render(self.camera, self.hidden)
@@ -131,8 +143,7 @@ class Part:
         covered = self._draw_image(out) if image else None
         faces = self.beside if image else None
         if self.beyond is not None and (faces is None or len(faces)):
-            plane = ImagePlane(self.plane.corners, from_eye, self.plane.normal, self.plane.distance(from_eye))
-            bent, scale = bent_camera(plane, out.camera)
+            bent, scale = bent_camera(self.plane.seen_from(from_eye), out.camera)
             count += self._add(out, self.beyond, bent, scale, faces, SURROUNDING, covered)
         return count
 
@@ -153,6 +164,7 @@ class Part:
         """The pixels that look at the quadrilateral."""
         # Places on the plane are homogeneous combinations of two of its directions and a corner; so each side of the
         # quadrilateral, and 1 / depth, is a plane over the image.
+        assert isinstance(self.plane, ImagePlane) and self.camera is not None
         corners = self.plane.corners
         basis = np.column_stack([corners[1] - corners[0], corners[3] - corners[0], corners[0]])
         from_pixel = np.linalg.inv(_homogeneous(out.camera, basis))

@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from .camera import Camera
 
-__all__ = ["ImagePlane", "bend", "bent_camera", "geometry_matrix"]
+__all__ = ["ImagePlane", "Plane", "bend", "bent_camera", "geometry_matrix"]
 
 Floats = npt.NDArray[np.float64]
 
@@ -31,26 +31,83 @@ _FLAT = 1e-4
 _LEAST_DISTANCE = 1e-6
 
 
-@dataclass(frozen=True)
-class ImagePlane:
-    """The plane of a picture, and the eye for which it was made.
+@dataclass(frozen=True, eq=False)
+class Plane:
+    """A plane before an eye, on which all that lies behind it is projected.
 
     Attributes
     ----------
-    corners : (4, 3) ndarray of float64
-        Top-left, top-right, bottom-right, bottom-left as seen from the eye; made exactly planar.
     eye : (3,) ndarray of float64
-        The center of projection of the picture.
+        The center of projection.
     normal : (3,) ndarray of float64
         Unit vector that points away from the eye.
     height : float
         Distance of the eye from the plane.
     """
 
-    corners: Floats
     eye: Floats
     normal: Floats
     height: float
+
+    @property
+    def offset(self) -> float:
+        """``normal @ x`` of the plane's points."""
+        return float(self.normal @ self.eye + self.height)
+
+    def behind(self, points: npt.ArrayLike) -> Floats:
+        """(...) signed distance of (..., 3) points behind the plane: negative on the eye's side."""
+        return np.asarray((np.asarray(points, np.float64) - self.eye) @ self.normal - self.height)
+
+    def distance(self, eye: npt.ArrayLike) -> float:
+        """How far another eye is in front of the plane.
+
+        Raises
+        ------
+        ValueError
+            If it is not: on the plane or behind it the picture can't be seen, and has to give way to geometry first.
+        """
+        at = _points("eye", eye, (3,))
+        distance = -float(self.behind(at))
+        if not distance > _LEAST_DISTANCE * self.height:
+            where = "on" if abs(distance) <= _LEAST_DISTANCE * self.height else "behind"
+            raise ValueError(
+                f"eye {at.tolist()} lies {where} the image's plane (distance {distance:.3g} of "
+                f"{self.height:.3g}): return the image to geometry before it is reached"
+            )
+        return distance
+
+    def seen_from(self, eye: Floats) -> Plane:
+        """The same plane before another eye.
+
+        Raises
+        ------
+        ValueError
+            If the eye is not in front of it.
+        """
+        return Plane(eye, self.normal, self.distance(eye))
+
+    def shear(self, eye: npt.ArrayLike) -> Floats:
+        """(4, 4) the map of space that keeps the plane and takes the picture's eye to `eye`."""
+        at = _points("eye", eye, (3,))
+        self.distance(at)
+        matrix = np.eye(4)
+        move = (at - self.eye) / self.height
+        matrix[:3, :3] -= np.outer(move, self.normal)
+        matrix[:3, 3] = move * self.offset
+        return matrix
+
+
+@dataclass(frozen=True, eq=False)
+class ImagePlane(Plane):
+    """The plane of a picture, and the eye for which it was made.
+
+    Attributes
+    ----------
+    corners : (4, 3) ndarray of float64
+        Top-left, top-right, bottom-right, bottom-left as seen from the eye; made exactly planar.
+    """
+
+    corners: Floats
 
     @classmethod
     def of(cls, corners: npt.ArrayLike, image_eye: npt.ArrayLike) -> ImagePlane:
@@ -91,39 +148,7 @@ class ImagePlane:
                 "corners must be top-left, top-right, bottom-right, bottom-left as seen from image_eye: "
                 "they run the other way round"
             )
-        return cls(quad, eye, normal, height)
-
-    def behind(self, points: npt.ArrayLike) -> Floats:
-        """(...) signed distance of (..., 3) points behind the plane: negative on the eye's side."""
-        return np.asarray((np.asarray(points, np.float64) - self.corners[0]) @ self.normal)
-
-    def distance(self, eye: npt.ArrayLike) -> float:
-        """How far another eye is in front of the plane.
-
-        Raises
-        ------
-        ValueError
-            If it is not: on the plane or behind it the picture can't be seen, and has to give way to geometry first.
-        """
-        at = _points("eye", eye, (3,))
-        distance = -float(self.behind(at))
-        if not distance > _LEAST_DISTANCE * self.height:
-            where = "on" if abs(distance) <= _LEAST_DISTANCE * self.height else "behind"
-            raise ValueError(
-                f"eye {at.tolist()} lies {where} the image's plane (distance {distance:.3g} of "
-                f"{self.height:.3g}): return the image to geometry before it is reached"
-            )
-        return distance
-
-    def shear(self, eye: npt.ArrayLike) -> Floats:
-        """(4, 4) the map of space that keeps the plane and takes the picture's eye to `eye`."""
-        at = _points("eye", eye, (3,))
-        self.distance(at)
-        matrix = np.eye(4)
-        move = (at - self.eye) / self.height
-        matrix[:3, :3] -= np.outer(move, self.normal)
-        matrix[:3, 3] = move * (self.corners[0] @ self.normal)
-        return matrix
+        return cls(eye, normal, height, quad)
 
     def sides(self) -> Floats:
         """(4, 3) unit normals, inward, of the planes through the eye and the top, right, bottom and left edge."""
@@ -173,14 +198,13 @@ def geometry_matrix(corners: npt.ArrayLike, image_eye: npt.ArrayLike, camera: Ca
     """
     plane = ImagePlane.of(corners, image_eye)
     plane.distance(camera.eye)
-    offset = plane.corners[0] @ plane.normal
     # A point's place on the plane, times how far the point is in front of the image's eye; then that number.
     ahead = np.append(plane.normal, -plane.normal @ plane.eye)
     place = np.vstack([np.outer(plane.eye, ahead), ahead])
     place[:3] += plane.height * np.column_stack([np.eye(3), -plane.eye])
     matrix = np.empty((4, 4))
     matrix[[0, 1, 3]] = camera.K @ camera.world_to_camera[:3] @ place
-    matrix[2] = np.append(plane.normal, -offset)
+    matrix[2] = np.append(plane.normal, -plane.offset)
     return matrix
 
 
@@ -219,12 +243,12 @@ def bend(points: npt.ArrayLike, corners: npt.ArrayLike, image_eye: npt.ArrayLike
     return np.asarray(np.asarray(points, np.float64) @ matrix[:3, :3].T + matrix[:3, 3])
 
 
-def bent_camera(plane: ImagePlane, camera: Camera) -> tuple[Camera, float]:
+def bent_camera(plane: Plane, camera: Camera) -> tuple[Camera, float]:
     """A camera at the image's eye that draws all geometry as `camera` would draw it bent.
 
     Parameters
     ----------
-    plane : ImagePlane
+    plane : Plane
         The image's plane and eye.
     camera : Camera
         The pinhole camera that looks.
