@@ -11,6 +11,13 @@ const OWN: f32 = 0.5;
 /// Where nothing else is, a surface goes on until just before the next sample, which saw another one.
 const ON: f32 = 15.0 / 16.0;
 
+/// Disparity changes at each side of a sample by at most this share of it: a plane seen almost edge-on would leave the
+/// world.
+const STEEPEST: f64 = 0.5;
+
+/// Disparities beyond a sample, as shares of its own: the least and the greatest.
+pub const SLANTED: [f32; 2] = [1.0 - 2.0 * STEEPEST as f32 * ON, 1.0 + 2.0 * STEEPEST as f32 * ON];
+
 /// How many blocks are passed over at once where none is cut.
 const GROUP: usize = 16;
 
@@ -28,17 +35,15 @@ impl Cuts {
         Self { joins: [vec![0; padded], vec![0; padded]], cut: vec![0; padded - 1] }
     }
 
-    /// Draws the cut blocks between rows `row - 1` and `row` of the source; outside of it there are no samples. Rows must
-    /// come one after the other.
+    /// Draws the cut blocks between rows `row - 1` and `row` of the source; outside of it there are no samples.
     #[inline(always)]
     pub fn draw(&mut self, mapping: &Mapping, source: &Source<'_>, row: usize, tag: u32, band: &mut Band) {
         let (width, height) = (source.image.camera.width, source.image.camera.height);
-        self.joins.swap(0, 1);
-        let below = &mut self.joins[1][1..=width];
-        if row < height {
-            below.copy_from_slice(&source.joins[row * width..][..width]);
-        } else {
-            below.fill(0);
+        for (joins, row) in self.joins.iter_mut().zip([row.checked_sub(1), Some(row)]) {
+            match row.filter(|&row| row < height) {
+                Some(row) => joins[1..=width].copy_from_slice(&source.joins[row * width..][..width]),
+                None => joins[1..=width].fill(0),
+            }
         }
         let [above, below] = &self.joins;
         let count = self.cut.len();
@@ -120,9 +125,8 @@ fn quarter(
 ) {
     let own = f64::from(source.image.disparity[row * source.image.camera.width + column]);
     let sign = [if corner & 1 == 0 { 1.0 } else { -1.0 }, if corner & 2 == 0 { 1.0 } else { -1.0 }];
-    // At most half as much again or half as much at each side: a plane seen almost edge-on would leave the world.
-    let [right, down] =
-        slant(source, [column, row]).map(|slant| f64::from(slant).clamp(-0.5 * own, 0.5 * own));
+    let steepest = STEEPEST * own;
+    let [right, down] = slant(source, [column, row]).map(|slant| f64::from(slant).clamp(-steepest, steepest));
     let reach_x = sign[0] * f64::from(ON);
     let reach_y = sign[1] * f64::from(ON);
     let sample = mapping.homogeneous(column as f64 + 0.5, row as f64 + 0.5, own);

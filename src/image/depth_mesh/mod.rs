@@ -19,8 +19,9 @@ pub mod joins;
 mod resolve;
 mod rows;
 
+use super::warp::forward::Samples;
 use super::warp::image::DepthImage;
-use super::warp::mapping::Mapping;
+use super::warp::mapping::{Mapping, Reach};
 use super::warp::picture::{Background, Picture};
 use crate::camera::Camera;
 use crate::control::Control;
@@ -92,6 +93,7 @@ pub fn warp(
         let text = format!("a warp takes {MOST_SOURCES} images at most, got {}", sources.len());
         return Err(Error::Invalid(text));
     }
+    let set = InstructionSet::best();
     let mappings = sources
         .iter()
         .map(|source| {
@@ -101,19 +103,20 @@ pub fn warp(
                 let text = format!("joins has {} entries, the image {samples} samples", source.joins.len());
                 return Err(Error::Invalid(text));
             }
-            Mapping::new(&source.image.camera, target)
+            let mapping = Mapping::new(&source.image.camera, target)?;
+            let reaches = set.run(FindReaches { source, mapping: &mapping });
+            Ok((mapping, reaches))
         })
         .collect::<Result<Vec<_>, Error>>()?;
     let threads = rayon::current_num_threads();
     let bands = if threads == 1 { 1 } else { threads * BANDS_A_THREAD };
     let height = target.height.div_ceil(bands);
-    let set = InstructionSet::best();
     picture.parts(height * width).into_par_iter().enumerate().try_for_each(|(index, picture)| {
         let top = index * height;
         let rows = top..top + picture.depth.len() / width;
         let mut band = Band { samples: vec![Sample::default(); rows.len() * width], width, rows };
-        for (number, (source, mapping)) in sources.iter().zip(&mappings).enumerate() {
-            set.run(Draw { source, mapping, number, band: &mut band, control })?;
+        for (number, (source, (mapping, reaches))) in sources.iter().zip(&mappings).enumerate() {
+            set.run(Draw { source, mapping, reaches, number, band: &mut band, control })?;
         }
         let background = match background {
             Background::Picture(behind) => Background::Picture(&behind[top * width..]),
@@ -143,10 +146,46 @@ impl Band {
     }
 }
 
+/// Where what is drawn of a row of samples may fall.
+struct Reaches {
+    /// The samples themselves.
+    samples: Vec<Reach>,
+    /// What goes on beyond them where the mesh is cut.
+    cuts: Vec<Reach>,
+}
+
+/// Finds them, as a kernel.
+struct FindReaches<'a, 'b> {
+    source: &'a Source<'b>,
+    mapping: &'a Mapping,
+}
+
+impl Kernel for FindReaches<'_, '_> {
+    type Output = Reaches;
+
+    #[inline(always)]
+    fn run<L: Lanes>(self) -> Reaches {
+        let Self { source, mapping } = self;
+        let (width, height) = (source.image.camera.width, source.image.camera.height);
+        let across = |beyond: f64| [0.5 - beyond, width as f64 - 0.5 + beyond];
+        let mut reaches = Reaches { samples: Vec::with_capacity(height), cuts: Vec::with_capacity(height) };
+        for row in 0..height {
+            let y = row as f64 + 0.5;
+            let [least, greatest] = source.image.disparities(row);
+            reaches.samples.push(mapping.reach(across(0.0), y, [least, greatest]));
+            let [less, more] = cuts::SLANTED;
+            let beyond = |y| mapping.reach(across(1.0), y, [less * least, more * greatest]);
+            reaches.cuts.push(beyond(y - 1.0).or(beyond(y + 1.0)));
+        }
+        reaches
+    }
+}
+
 /// One source into one band, as a kernel.
 struct Draw<'a, 'b> {
     source: &'a Source<'b>,
     mapping: &'a Mapping,
+    reaches: &'a Reaches,
     number: usize,
     band: &'a mut Band,
     control: &'a Control,
@@ -157,24 +196,33 @@ impl Kernel for Draw<'_, '_> {
 
     #[inline(always)]
     fn run<L: Lanes>(self) -> Result<(), Error> {
-        let Self { source, mapping, number, band, control } = self;
+        let Self { source, mapping, reaches, number, band, control } = self;
         let (width, height) = (source.image.camera.width, source.image.camera.height);
         let tag = (number as u32) << Place::SOURCE;
         let [mut above, mut below] = [Row::new(width), Row::new(width)];
         let mut work = blocks::Work::new(width);
         let mut cuts = cuts::Cuts::new(width);
+        // A pixel more than any rounding of the positions.
+        let (first, last) = (band.rows.start as f32 - 1.0, band.rows.end as f32 + 1.0);
+        let meets = |of: &[Reach], row: usize| {
+            let here = if row < height { of[row] } else { Reach::NONE };
+            here.or(if row > 0 { of[row - 1] } else { Reach::NONE }).meets(first, last)
+        };
         for row in 0..=height {
             control.step(0)?;
-            std::mem::swap(&mut above, &mut below);
-            if row < height {
-                below.project(mapping, source, row);
-            }
-            // The blocks between the rows above and below; half of them are missing at the first and the last.
+            // The blocks between this row and the one above; half of them are missing at the first and the last.
             let inside = row > 0 && row < height;
-            if inside && above.reaches(&below, &band.rows) {
-                work.draw(&above, &below, source, row - 1, tag, band);
+            if inside && meets(&reaches.samples, row) {
+                std::mem::swap(&mut above, &mut below);
+                above.project(mapping, source, row - 1);
+                below.project(mapping, source, row);
+                if above.reaches(&below, &band.rows) {
+                    work.draw(&above, &below, source, row - 1, tag, band);
+                }
             }
-            cuts.draw(mapping, source, row, tag, band);
+            if meets(&reaches.cuts, row) {
+                cuts.draw(mapping, source, row, tag, band);
+            }
         }
         Ok(())
     }

@@ -22,6 +22,8 @@ pub struct Row {
     pub there: Vec<u8>,
     /// Least and greatest `y` of those.
     span: [f32; 2],
+    /// The row of the source that it is.
+    row: Option<usize>,
 }
 
 impl Row {
@@ -35,12 +37,17 @@ impl Row {
             disparity: empty(),
             there: vec![0; size],
             span: [0.0; 2],
+            row: None,
         }
     }
 
-    /// Where a row of the source lies.
+    /// Where a row of the source lies; nothing to do if it is known.
     #[inline(always)]
     pub fn project(&mut self, mapping: &Mapping, source: &Source<'_>, row: usize) {
+        if self.row == Some(row) {
+            return;
+        }
+        self.row = Some(row);
         let width = source.image.camera.width;
         let disparity = &source.image.disparity[row * width..][..width];
         let joins = &source.joins[row * width..][..width];

@@ -81,7 +81,7 @@ pub struct Band {
     pub window: Window,
     /// Pixels around the image: what falls there may cover some of the image.
     margin: usize,
-    words: Vec<Word>,
+    words: Spare,
 }
 
 impl Band {
@@ -89,16 +89,15 @@ impl Band {
     pub fn new(width: usize, top: usize, bottom: usize, margin: usize) -> Self {
         let (width, bottom) = (width + 2 * margin, bottom + 2 * margin);
         let stride = width + 1;
-        let mut words = spare();
-        words.clear();
-        words.resize(stride * (bottom - top), 0);
+        let mut words = Spare::new(stride * (bottom - top));
+        words.0.fill(0);
         Self { window: Window { width, top, bottom, stride, nowhere: width as u32 }, margin, words }
     }
 
     /// The pixels of a row of the target.
     #[inline(always)]
     pub fn row(&self, y: usize) -> &[Word] {
-        &self.words[(y - self.window.top) * self.window.stride..][..self.window.width]
+        &self.words.0[(y - self.window.top) * self.window.stride..][..self.window.width]
     }
 
     /// Draws the first samples of a chunk, as many as there are colours: in turn, or the last first.
@@ -113,7 +112,7 @@ impl Band {
         backward: bool,
     ) {
         let count = colors.count();
-        assert!(count <= CHUNK && chunk.limit() <= self.words.len());
+        assert!(count <= CHUNK && chunk.limit() <= self.words.0.len());
         colors.unpack(&mut chunk.colors);
         for ((word, &nearness), &color) in chunk.words.iter_mut().zip(&chunk.nearness).zip(&chunk.colors) {
             *word = self::word(nearness, color | tag);
@@ -135,13 +134,13 @@ impl Band {
     /// Draws one sample.
     #[inline(always)]
     pub fn place(&mut self, cell: usize, word: Word, order: Order) {
-        let at = &mut self.words[cell];
+        let at = &mut self.words.0[cell];
         *at = if order == Order::Depth && *at >> 32 > word >> 32 { *at } else { word };
     }
 
     #[inline(always)]
     pub fn word(&self, cell: usize) -> Word {
-        self.words[cell]
+        self.words.0[cell]
     }
 
     /// # Safety
@@ -151,15 +150,9 @@ impl Band {
         // SAFETY: what the caller promises.
         unsafe {
             let word = *chunk.words.get_unchecked(sample);
-            let at = self.words.get_unchecked_mut(*chunk.cells().get_unchecked(sample) as usize);
+            let at = self.words.0.get_unchecked_mut(*chunk.cells().get_unchecked(sample) as usize);
             *at = if DEPTH && *at >> 32 > word >> 32 { *at } else { word };
         }
-    }
-}
-
-impl Drop for Band {
-    fn drop(&mut self) {
-        give_back(&mut self.words);
     }
 }
 
@@ -168,32 +161,24 @@ impl Drop for Band {
 pub struct Canvas {
     pub width: usize,
     pub height: usize,
-    words: Vec<Word>,
+    words: Spare,
 }
 
 impl Canvas {
     /// Holds anything at first: whoever takes rows clears them.
     pub fn new(width: usize, height: usize) -> Self {
-        let mut words = spare();
-        words.resize((width + 1) * height, 0);
-        Self { width, height, words }
+        Self { width, height, words: Spare::new((width + 1) * height) }
     }
 
     /// The words of bands of so many rows each, the last with what is left; a row has one entry more than pixels.
     pub fn bands(&mut self, rows: usize) -> std::slice::ChunksMut<'_, Word> {
-        self.words.chunks_mut((self.width + 1) * rows)
+        self.words.0.chunks_mut((self.width + 1) * rows)
     }
 
     /// The pixels of a row.
     #[inline(always)]
     pub fn row(&self, y: usize) -> &[Word] {
-        &self.words[y * (self.width + 1)..][..self.width]
-    }
-}
-
-impl Drop for Canvas {
-    fn drop(&mut self) {
-        give_back(&mut self.words);
+        &self.words.0[y * (self.width + 1)..][..self.width]
     }
 }
 
@@ -251,22 +236,32 @@ impl Drawn for Canvas {
     }
 }
 
+/// Words that may be anything at first, of memory that is given back.
+#[derive(Debug)]
+pub struct Spare(pub Vec<u64>);
+
+impl Spare {
+    pub fn new(count: usize) -> Self {
+        let mut words = SPARE.lock().ok().and_then(|mut spare| spare.pop()).unwrap_or_default();
+        words.resize(count, 0);
+        Self(words)
+    }
+}
+
+impl Drop for Spare {
+    fn drop(&mut self) {
+        if self.0.capacity() <= MOST_WORDS
+            && let Ok(mut spare) = SPARE.lock()
+            && spare.len() < MOST_SPARE
+        {
+            spare.push(std::mem::take(&mut self.0));
+        }
+    }
+}
+
 /// Memory that is not in use, so that the next warp need not ask for it and touch it first.
-static SPARE: Mutex<Vec<Vec<Word>>> = Mutex::new(Vec::new());
+static SPARE: Mutex<Vec<Vec<u64>>> = Mutex::new(Vec::new());
 
 /// Pieces that are kept, and words of the largest of them: 256 MB at the very most.
 const MOST_SPARE: usize = 8;
 const MOST_WORDS: usize = 1 << 22;
-
-fn spare() -> Vec<Word> {
-    SPARE.lock().ok().and_then(|mut spare| spare.pop()).unwrap_or_default()
-}
-
-fn give_back(words: &mut Vec<Word>) {
-    if words.capacity() <= MOST_WORDS
-        && let Ok(mut spare) = SPARE.lock()
-        && spare.len() < MOST_SPARE
-    {
-        spare.push(std::mem::take(words));
-    }
-}

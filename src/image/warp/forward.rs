@@ -18,7 +18,7 @@ use rayon::prelude::*;
 pub const MOST_IMAGES: usize = 255;
 
 /// Bands a thread draws, so that none waits long for another.
-const BANDS_A_THREAD: usize = 2;
+pub(super) const BANDS_A_THREAD: usize = 2;
 
 /// Pixels of a band, at most: half a megabyte, which second-level caches hold.
 const BAND_PIXELS: usize = 1 << 16;

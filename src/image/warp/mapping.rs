@@ -176,6 +176,11 @@ pub struct Window {
 }
 
 impl Window {
+    /// All of an image: a cell beside each row.
+    pub fn whole(width: usize, height: usize) -> Self {
+        Self { width, top: 0, bottom: height, stride: width + 1, nowhere: width as u32 }
+    }
+
     /// Cells that a sample may have.
     #[inline(always)]
     pub fn cells(&self) -> usize {
@@ -376,13 +381,18 @@ impl Row<'_> {
 
     /// Where samples of these columns, with disparities within a range, may fall.
     pub fn reach(&self, columns: [f32; 2], disparity: [f32; 2]) -> Reach {
-        let mapping = self.mapping;
-        let row = mapping.matrix.row(2).abs();
+        self.mapping.reach(columns.map(|x| f64::from(x) + 0.5), self.y, disparity)
+    }
+}
+
+impl Mapping {
+    /// Where points of the source's image on a line across may fall, with disparities within a range.
+    pub fn reach(&self, columns: [f64; 2], y: f64, disparity: [f32; 2]) -> Reach {
+        let row = self.matrix.row(2).abs();
         let mut reach = Reach { first: f32::INFINITY, last: f32::NEG_INFINITY, in_front: true };
         for x in columns {
-            for d in disparity {
-                let (x, d) = (f64::from(x) + 0.5, f64::from(d));
-                let p = mapping.homogeneous(x, self.y, d);
+            for d in disparity.map(f64::from) {
+                let p = self.homogeneous(x, y, d);
                 // The last coordinate is linear in both: positive at the corners is positive between them, and there
                 // the ratio is greatest and least at corners.
                 if p.z <= 0.0 || p.z.is_nan() {
@@ -390,8 +400,9 @@ impl Row<'_> {
                 }
                 let v = (p.y / p.z) as f32;
                 (reach.first, reach.last) = (reach.first.min(v), reach.last.max(v));
-                let rounding = DOUBT * ((row.x * x + row.y * self.y) + (row.z + mapping.offset.z.abs() * d));
-                reach.in_front &= p.z > 2.0 * rounding && p.z >= mapping.near * d + 2.0 * rounding;
+                let rounding =
+                    DOUBT * ((row.x * x.abs() + row.y * y.abs()) + (row.z + self.offset.z.abs() * d));
+                reach.in_front &= p.z > 2.0 * rounding && p.z >= self.near * d + 2.0 * rounding;
             }
         }
         reach
@@ -411,6 +422,15 @@ pub struct Reach {
 impl Reach {
     /// Nowhere.
     pub const NONE: Self = Self { first: f32::INFINITY, last: f32::NEG_INFINITY, in_front: false };
+
+    /// Nowhere else than one of the two.
+    pub fn or(self, other: Self) -> Self {
+        Self {
+            first: self.first.min(other.first),
+            last: self.last.max(other.last),
+            in_front: self.in_front && other.in_front,
+        }
+    }
 
     /// Whether some may fall between rows.
     #[inline(always)]

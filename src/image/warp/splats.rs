@@ -4,8 +4,8 @@
 //! that a sample's own centre falls on shows that one, except where something clearly nearer covers it: seen through a crack
 //! of what is in front.
 
-use super::canvas::{Band, Order, Word, nearness, word};
-use super::forward::{Warp, in_bands, prepare};
+use super::canvas::{Band, Order, Spare, Word, nearness, word};
+use super::forward::{BANDS_A_THREAD, Warp, in_bands, prepare};
 use super::image::{DepthImage, Pixels};
 use super::mapping::{CHUNK, Chunk, Consecutive, Window};
 use super::picture::{Background, Picture};
@@ -14,6 +14,7 @@ use crate::camera::Camera;
 use crate::control::Control;
 use crate::error::Error;
 use crate::render::lanes::{InstructionSet, Kernel, Lanes};
+use rayon::prelude::*;
 
 /// How large rectangles are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -32,8 +33,8 @@ pub enum Size {
 /// Half a splat's side is at most this many pixels: a sample that is nearly at the eye would cover everything.
 const MOST_HALF: f32 = 32.0;
 
-/// Rows of a band: several times what large splats reach into it from outside.
-const LEAST_ROWS: usize = 256;
+/// Rows of a band, at least: rows of the source that reach into two bands are drawn in both.
+const LEAST_ROWS: usize = 64;
 
 /// Added to half a side, so that rounding opens no cracks between splats that just touch; taken from where: thousandfold
 /// the rounding of a position in an image of a thousand pixels.
@@ -60,14 +61,16 @@ pub fn forward(
 ) -> Result<(), Error> {
     let set = InstructionSet::best();
     let warps = prepare(images, target, order, 0, background, &picture)?;
+    let laid = warps.iter().map(|warp| Laid::new(warp, target, size)).collect::<Vec<_>>();
     in_bands(target, background, picture, LEAST_ROWS, &|top, picture, background| {
-        set.run(Draw { warps: &warps, target, top, order, size, background, picture, control })
+        set.run(Draw { warps: &warps, laid: &laid, target, top, order, size, background, picture, control })
     })
 }
 
 /// Draws all images on a band and writes it.
 struct Draw<'a, 'b, 'i> {
     warps: &'a [Warp<'a, DepthImage<'i>>],
+    laid: &'a [Laid],
     target: &'a Camera,
     top: usize,
     order: Order,
@@ -104,7 +107,7 @@ impl Kernel for Draw<'_, '_, '_> {
 trait Pen {
     fn band(&self) -> &Band;
     /// A sample's centre falls on a cell.
-    fn hit(&mut self, cell: u32, word: Word);
+    fn hit(&mut self, cell: usize, word: Word);
     /// A sample covers a cell, with a weight from 1 to 256.
     fn cover(&mut self, cell: usize, word: Word, weight: u32);
 }
@@ -123,8 +126,8 @@ impl Pen for Nearest {
     }
 
     #[inline(always)]
-    fn hit(&mut self, cell: u32, word: Word) {
-        self.centres.place(cell as usize, word, self.order);
+    fn hit(&mut self, cell: usize, word: Word) {
+        self.centres.place(cell, word, self.order);
     }
 
     #[inline(always)]
@@ -146,7 +149,7 @@ impl Pen for Average<'_> {
     }
 
     #[inline(always)]
-    fn hit(&mut self, _: u32, _: Word) {}
+    fn hit(&mut self, _: usize, _: Word) {}
 
     #[inline(always)]
     fn cover(&mut self, cell: usize, word: Word, weight: u32) {
@@ -180,7 +183,7 @@ struct Line {
 
 impl Line {
     #[inline(always)]
-    fn fill(&mut self, warp: &Warp<'_, DepthImage<'_>>, y: isize, band: &Band) {
+    fn fill(&mut self, warp: &Warp<'_, DepthImage<'_>>, y: isize, window: &Window) {
         if self.row == Some(y) {
             return;
         }
@@ -209,7 +212,7 @@ impl Line {
         let mut chunk = Chunk::default();
         for first in (0..width).step_by(CHUNK) {
             let last = (first + CHUNK).min(width);
-            row.project::<_, true>(Consecutive(first), &disparity[first..last], &band.window, &mut chunk);
+            row.project::<_, true>(Consecutive(first), &disparity[first..last], window, &mut chunk);
             let count = last - first;
             self.u[PAD + first..PAD + last].copy_from_slice(&chunk.u[..count]);
             self.v[PAD + first..PAD + last].copy_from_slice(&chunk.v[..count]);
@@ -235,13 +238,11 @@ impl Lines {
     }
 }
 
-/// Half the sides of the rectangles of a row, and the pixels that they cover: columns and rows, ends excluded.
+/// Half the sides of the rectangles of a row.
 #[derive(Default)]
-struct Rectangles {
-    half_u: Vec<f32>,
-    half_v: Vec<f32>,
-    columns: Vec<[i32; 2]>,
-    rows: Vec<[i32; 2]>,
+struct Halves {
+    u: Vec<f32>,
+    v: Vec<f32>,
 }
 
 /// Whether the second and third of four disparities in a row are of one surface. NaN is of none.
@@ -273,7 +274,7 @@ fn side(disparity: [f32; 5], along: [f32; 3], own: f32) -> f32 {
     }
 }
 
-impl Rectangles {
+impl Halves {
     /// Half of what [`Size::Projected`] says.
     #[inline(always)]
     fn project(&mut self, warp: &Warp<'_, DepthImage<'_>>, lines: &Lines, y: isize) {
@@ -284,7 +285,7 @@ impl Rectangles {
         let [u1, u2, u3] = [1, 2, 3].map(|k| &line.u[k..k + width]);
         let [v1, v2, v3] = [1, 2, 3].map(|k| &line.v[k..k + width]);
         let growth = &line.growth[..width];
-        let (half_u, half_v) = (&mut self.half_u[..width], &mut self.half_v[..width]);
+        let (half_u, half_v) = (&mut self.u[..width], &mut self.v[..width]);
         for x in 0..width {
             // A step of a pixel at the sample's own disparity.
             let (u, v, w) = (u2[x], v2[x], 1.0 / growth[x]);
@@ -308,54 +309,172 @@ impl Rectangles {
         }
     }
 
-    /// Finds the rectangles of a row.
+    /// Finds those of a row, within their limits.
     #[inline(always)]
-    fn fill(
-        &mut self,
-        warp: &Warp<'_, DepthImage<'_>>,
-        size: Size,
-        lines: &Lines,
-        y: isize,
-        window: &Window,
-    ) {
-        let line = lines.row(y);
+    fn fill(&mut self, warp: &Warp<'_, DepthImage<'_>>, size: Size, lines: &Lines, y: isize) {
         let width = warp.samples.camera.width;
-        self.half_u.resize(width, 0.0);
-        self.half_v.resize(width, 0.0);
-        self.columns.resize(width, [0; 2]);
-        self.rows.resize(width, [0; 2]);
+        self.u.resize(width, 0.0);
+        self.v.resize(width, 0.0);
         match size {
             Size::Projected => self.project(warp, lines, y),
             Size::Disparity => {
                 let [mu, mv] = warp.mapping.magnification.map(|m| 0.5 * m as f32);
-                for ((half_u, half_v), &growth) in
-                    self.half_u.iter_mut().zip(&mut self.half_v).zip(&line.growth)
-                {
+                let growth = &lines.row(y).growth[..width];
+                for ((half_u, half_v), &growth) in self.u.iter_mut().zip(&mut self.v).zip(growth) {
                     (*half_u, *half_v) = (growth * mu, growth * mv);
                 }
             }
         }
-        let high = window.width as f32;
-        let centres = &line.u[PAD..PAD + width];
-        for ((columns, half), &centre) in self.columns.iter_mut().zip(&mut self.half_u).zip(centres) {
-            *columns = within(centre, half, 0.0, high);
-        }
-        let (low, high) = (window.top as f32, window.bottom as f32);
-        let centres = &line.v[PAD..PAD + width];
-        for ((rows, half), &centre) in self.rows.iter_mut().zip(&mut self.half_v).zip(centres) {
-            *rows = within(centre, half, low, high);
+        for half in self.u.iter_mut().chain(&mut self.v) {
+            // Not less than the pixel around the sample.
+            let wide = if *half > 0.5 { *half } else { 0.5 };
+            *half = if wide < MOST_HALF { wide } else { MOST_HALF };
         }
     }
 }
 
-/// The pixels between `low` and `high` whose centres are within half a side of a position; brings that within its limits.
+/// Where the splats of an image are, and how large: found once, drawn in each band that they reach.
+struct Laid {
+    width: usize,
+    /// Three planes a row, of a word for each sample: position; half the sides; disparity and cell of the whole target,
+    /// the lower of two numbers first.
+    words: Spare,
+    /// The rows of the target that those of the source reach, as real numbers.
+    reaches: Vec<[f32; 2]>,
+}
+
+/// Planes of a row.
+const PLANES: usize = 3;
+
+/// Numbers whose least and greatest are sought at once.
+const ABREAST: usize = 16;
+
 #[inline(always)]
-fn within(centre: f32, half: &mut f32, low: f32, high: f32) -> [i32; 2] {
-    // Not less than the pixel around the sample.
-    let wide = if *half > 0.5 { *half } else { 0.5 };
-    *half = if wide < MOST_HALF { wide } else { MOST_HALF };
-    let from = (centre - *half - SLACK - 0.5).ceil();
-    let to = (centre + *half + SLACK - 0.5).ceil();
+fn pair(low: f32, high: u32) -> u64 {
+    u64::from(low.to_bits()) | u64::from(high) << 32
+}
+
+#[inline(always)]
+fn low(word: u64) -> f32 {
+    f32::from_bits(word as u32)
+}
+
+#[inline(always)]
+fn high(word: u64) -> u32 {
+    (word >> 32) as u32
+}
+
+impl Laid {
+    fn new(warp: &Warp<'_, DepthImage<'_>>, target: &Camera, size: Size) -> Self {
+        let (width, height) = (warp.samples.camera.width, warp.samples.camera.height);
+        let mut words = Spare::new(width * height * PLANES);
+        let mut reaches = vec![[f32::INFINITY, f32::NEG_INFINITY]; height];
+        let threads = rayon::current_num_threads();
+        let rows = if threads > 1 { height.div_ceil(threads * BANDS_A_THREAD) } else { height };
+        let window = Window::whole(target.width, target.height);
+        let set = InstructionSet::best();
+        let parts =
+            words.0.par_chunks_mut(rows * width * PLANES).zip(reaches.par_chunks_mut(rows)).enumerate();
+        parts.for_each(|(part, (words, reaches))| {
+            set.run(Lay { warp, size, first: part * rows, words, reaches, window });
+        });
+        Self { width, words, reaches }
+    }
+
+    /// The three planes of a row.
+    #[inline(always)]
+    fn row(&self, y: usize) -> [&[u64]; PLANES] {
+        let planes = &self.words.0[y * self.width * PLANES..][..self.width * PLANES];
+        [0, 1, 2].map(|plane| &planes[plane * self.width..][..self.width])
+    }
+}
+
+/// Lays out some rows.
+struct Lay<'a, 'b, 'i> {
+    warp: &'a Warp<'a, DepthImage<'i>>,
+    size: Size,
+    first: usize,
+    words: &'b mut [u64],
+    reaches: &'b mut [[f32; 2]],
+    window: Window,
+}
+
+impl Kernel for Lay<'_, '_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self) {
+        let Self { warp, size, first, words, reaches, window } = self;
+        let width = warp.samples.camera.width;
+        // Samples beside the row are only looked at for their neighbours' sizes.
+        let beside = if size == Size::Projected { 2 } else { 0 };
+        let mut lines = Lines(Default::default());
+        let mut halves = Halves::default();
+        for ((row, words), reach) in words.chunks_exact_mut(width * PLANES).enumerate().zip(reaches) {
+            let y = (first + row) as isize;
+            for row in y - beside..=y + beside {
+                lines.row_mut(row).fill(warp, row, &window);
+            }
+            halves.fill(warp, size, &lines, y);
+            let line = lines.row(y);
+            let (u, v) = (&line.u[PAD..PAD + width], &line.v[PAD..PAD + width]);
+            let (half_u, half_v) = (&halves.u[..width], &halves.v[..width]);
+            let (nearness, cells) = (&line.nearness[..width], &line.cells[..width]);
+            let (places, rest) = words.split_at_mut(width);
+            let (sizes, hits) = rest.split_at_mut(width);
+            for x in 0..width {
+                places[x] = pair(u[x], v[x].to_bits());
+                sizes[x] = pair(half_u[x], half_v[x].to_bits());
+                hits[x] = pair(nearness[x], cells[x]);
+            }
+            *reach = span(v, half_v);
+        }
+    }
+}
+
+/// What splats around these positions, with these halves of sides, reach; comparisons with NaN are false.
+#[inline(always)]
+fn span(centres: &[f32], halves: &[f32]) -> [f32; 2] {
+    let (mut least, mut greatest) = ([f32::INFINITY; ABREAST], [f32::NEG_INFINITY; ABREAST]);
+    for (centres, halves) in centres.chunks(ABREAST).zip(halves.chunks(ABREAST)) {
+        for (i, (&centre, &half)) in centres.iter().zip(halves).enumerate() {
+            let (from, to) = (centre - half, centre + half);
+            least[i] = if from < least[i] { from } else { least[i] };
+            greatest[i] = if to > greatest[i] { to } else { greatest[i] };
+        }
+    }
+    [least.into_iter().fold(f32::INFINITY, f32::min), greatest.into_iter().fold(f32::NEG_INFINITY, f32::max)]
+}
+
+/// The pixels of a band that the rectangles of a row cover: columns and rows, ends excluded.
+#[derive(Default)]
+struct Rectangles {
+    columns: Vec<[i32; 2]>,
+    rows: Vec<[i32; 2]>,
+}
+
+impl Rectangles {
+    #[inline(always)]
+    fn fill(&mut self, [places, sizes, _]: [&[u64]; PLANES], window: &Window) {
+        let width = places.len();
+        self.columns.resize(width, [0; 2]);
+        self.rows.resize(width, [0; 2]);
+        let last = window.width as f32;
+        for ((columns, &place), &size) in self.columns.iter_mut().zip(places).zip(sizes) {
+            *columns = within(low(place), low(size), 0.0, last);
+        }
+        let (first, last) = (window.top as f32, window.bottom as f32);
+        for ((rows, &place), &size) in self.rows.iter_mut().zip(places).zip(sizes) {
+            *rows = within(f32::from_bits(high(place)), f32::from_bits(high(size)), first, last);
+        }
+    }
+}
+
+/// The pixels between `low` and `high` whose centres are within half a side of a position.
+#[inline(always)]
+fn within(centre: f32, half: f32, low: f32, high: f32) -> [i32; 2] {
+    let from = (centre - half - SLACK - 0.5).ceil();
+    let to = (centre + half + SLACK - 0.5).ceil();
     // Comparisons with NaN are false: such a sample covers nothing.
     let from = if from < low { low } else { from };
     let to = if to > high { high } else { to };
@@ -368,22 +487,18 @@ fn within(centre: f32, half: &mut f32, low: f32, high: f32) -> [i32; 2] {
 impl Draw<'_, '_, '_> {
     #[inline(always)]
     fn draw<P: Pen>(&self, pen: &mut P) -> Result<(), Error> {
-        let reach = MOST_HALF + 2.0;
-        let (first, last) = (pen.band().window.top as f32 - reach, pen.band().window.bottom as f32 + reach);
-        // Samples beside the row are only looked at for their neighbours' sizes.
-        let beside = if self.size == Size::Projected { 2 } else { 0 };
+        let window = pen.band().window;
+        // A pixel more than any rounding of the positions.
+        let (first, last) = (window.top as f32 - 1.0, window.bottom as f32 + 1.0);
         let mut rectangles = Rectangles::default();
-        for warp in self.warps {
-            let mut lines = Lines(Default::default());
+        for (warp, laid) in self.warps.iter().zip(self.laid) {
             for sheet in &warp.sheets {
                 for y in sheet.lines() {
-                    if warp.reaches[y].meets(first, last) {
-                        let y = y as isize;
-                        for row in y - beside..=y + beside {
-                            lines.row_mut(row).fill(warp, row, pen.band());
-                        }
-                        rectangles.fill(warp, self.size, &lines, y, &pen.band().window);
-                        draw_row(warp, sheet, y as usize, lines.row(y), &rectangles, pen);
+                    let [from, to] = laid.reaches[y];
+                    if from <= last && to >= first {
+                        let row = laid.row(y);
+                        rectangles.fill(row, &window);
+                        draw_row(warp, sheet, y, row, &rectangles, pen);
                     }
                 }
             }
@@ -432,19 +547,20 @@ fn draw_row<P: Pen>(
     warp: &Warp<'_, DepthImage<'_>>,
     sheet: &Sheet,
     y: usize,
-    line: &Line,
+    [places, sizes, hits]: [&[u64]; PLANES],
     rectangles: &Rectangles,
     pen: &mut P,
 ) {
     let window = pen.band().window;
     let width = warp.samples.camera.width;
     let (start, end) = (sheet.columns.start, sheet.columns.end);
+    let (top, cells) = (window.top * window.stride, window.cells());
     for step in start..end {
         let x = if sheet.leftward { start + end - 1 - step } else { step };
         let (columns, rows) = (rectangles.columns[x], rectangles.rows[x]);
-        let cell = line.cells[x];
-        let hits = cell != window.nowhere;
-        if !hits && (columns[0] == columns[1] || rows[0] == rows[1]) {
+        let cell = (high(hits[x]) as usize).wrapping_sub(top);
+        let hits_band = high(hits[x]) != window.nowhere && cell < cells;
+        if !hits_band && (columns[0] == columns[1] || rows[0] == rows[1]) {
             continue;
         }
         let [r, g, b] = match warp.samples.pixels {
@@ -454,18 +570,18 @@ fn draw_row<P: Pen>(
                 [r, g, b]
             }
         };
-        let word = word(line.nearness[x], u32::from_le_bytes([r, g, b, 0]) | warp.tag);
-        if hits {
+        let word = word(low(hits[x]), u32::from_le_bytes([r, g, b, 0]) | warp.tag);
+        if hits_band {
             pen.hit(cell, word);
         }
-        let (u, v) = (line.u[PAD + x], line.v[PAD + x]);
-        let (reach_u, reach_v) = (1.0 / (rectangles.half_u[x] + 0.5), 1.0 / (rectangles.half_v[x] + 0.5));
+        let (u, v) = (low(places[x]), f32::from_bits(high(places[x])));
+        let (reach_u, reach_v) = (1.0 / (low(sizes[x]) + 0.5), 1.0 / (f32::from_bits(high(sizes[x])) + 0.5));
         for row in rows[0]..rows[1] {
             let fade = 255.0 * (1.0 - (row as f32 + 0.5 - v).abs() * reach_v).max(0.0);
             let first = (row as usize - window.top) * window.stride;
             for column in columns[0]..columns[1] {
                 let weight = 1 + (fade * (1.0 - (column as f32 + 0.5 - u).abs() * reach_u).max(0.0)) as u32;
-                if first + column as usize != cell as usize {
+                if !hits_band || first + column as usize != cell {
                     pen.cover(first + column as usize, word, weight);
                 }
             }
