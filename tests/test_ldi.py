@@ -9,6 +9,7 @@ import cyclorama as cyc
 from cyclorama import Camera, DepthImage, LayeredDepthImage
 from cyclorama.camera import stack
 from cyclorama.ldi import construction_cameras, quadrilateral
+from cyclorama.normals import decode
 from peers import need
 from reference import layered as reference
 
@@ -110,6 +111,28 @@ def test_two_surfaces_within_the_tolerance_become_one_unless_their_colours_diffe
     assert LayeredDepthImage.build(far, [near], tolerance=1.0, color_tolerance=39).samples == 2 * far.missing.size
 
 
+def test_samples_near_corners_stay_where_they_are_asked_for():
+    # A wall, and the same wall from eyes whose samples lie a fraction of a pixel right of and below the first ones.
+    depth, focal = 4.0, 28.0
+    shape = (HEIGHT, WIDTH)
+    wall = [
+        DepthImage(
+            np.full((*shape, 3), 90, np.uint8),
+            np.full(shape, depth),
+            camera_at((x * depth / focal, x * depth / focal, 0)),
+        )
+        for x in (0.0, 0.125, 0.375, 0.4375)
+    ]
+    assert LayeredDepthImage.build(wall[0], wall[1:], corners=False).samples == WIDTH * HEIGHT
+    assert LayeredDepthImage.build(wall[0], wall[1:2]).samples == WIDTH * HEIGHT
+    dense = LayeredDepthImage.build(wall[0], wall[1:])
+    # One more each, from the first image that has it, and none twice.
+    assert dense.samples == 2 * WIDTH * HEIGHT and dense.kept == (WIDTH * HEIGHT, 0, WIDTH * HEIGHT, 0)
+    near = camera_at((0, 0, 0.3 * depth))
+    single, double = (image.warp(near, 1).hole.mean() for image in (LayeredDepthImage.build(wall[0]), dense))
+    assert double < 0.5 * single
+
+
 def test_an_empty_layered_image_is_a_picture_that_is_all_hole():
     camera = camera_at()
     empty = LayeredDepthImage(camera, np.zeros(WIDTH * HEIGHT + 1, int), [], [])
@@ -151,13 +174,14 @@ def test_a_sky_stays_where_it_is_when_the_eye_moves():
 # Against plain NumPy
 
 
+@pytest.mark.parametrize("corners", [False, True])
 @pytest.mark.parametrize("seed", range(3))
-def test_building_agrees_with_loops(seed):
+def test_building_agrees_with_loops(seed, corners):
     rng = np.random.default_rng(seed)
     eyes = [(0, 0, 0), (0.3, 0.1, 0.0), (-0.2, 0.0, 0.4), (0.0, 0.2, -0.5)]
     images = [surfaces(rng, camera_at(eye, turn=(0, 0.05 * n, 0.02 * n))) for n, eye in enumerate(eyes)]
-    layered = LayeredDepthImage.build(images[0], images[1:], tolerance=1.5, color_tolerance=100)
-    expected = reference.merge(images, 1.5, 100)
+    layered = LayeredDepthImage.build(images[0], images[1:], tolerance=1.5, color_tolerance=100, corners=corners)
+    expected = reference.merge(images, 1.5, 100, corners)
     # A sample may lie so near to a pixel's side, or a depth to the tolerance, that rounding decides.
     agree = [len(own) == count for own, count in zip(expected, layered.counts.reshape(-1), strict=True)]
     assert np.mean(agree) > 0.995
@@ -184,7 +208,7 @@ def test_building_agrees_with_loops(seed):
 def test_warping_agrees_with_loops(eye, turn, splat):
     layered = random_layers(np.random.default_rng(4), camera_at())
     target = camera_at(eye, turn, width=33, height=25)
-    out = layered.warp(target, splat)
+    out = layered.warp(target, splat, order="zbuffer")
     color, hole = reference.warp(layered, target, splat)
     # float32 against float64: a sample on a pixel's side. Of infinitely far ones any may be shown.
     assert (hole == out.hole).mean() > 0.995
@@ -197,14 +221,15 @@ def test_warping_agrees_with_loops(eye, turn, splat):
 @given(
     seed=seeds,
     splat=st.sampled_from([1, 3, 5]),
+    order=st.sampled_from(["occlusion", "zbuffer"]),
     move=st.tuples(*[st.floats(-1.5, 1.5)] * 3),
     turn=st.tuples(*[st.floats(-0.6, 0.6)] * 3),
 )
-def test_leaving_out_what_is_hidden_changes_no_pixel(seed, splat, move, turn):
+def test_leaving_out_what_is_hidden_changes_no_pixel(seed, splat, order, move, turn):
     rng = np.random.default_rng(seed)
     layered = random_layers(rng, camera_at(width=50, height=40), most=int(rng.integers(1, 12)))
     target = camera_at(move, turn, width=60, height=200, focal=rng.uniform(15, 60))
-    whole, culled = layered.warp(target, splat), layered.warp(target, splat, cull="exact")
+    whole, culled = (layered.warp(target, splat, order=order, cull=cull) for cull in (False, "exact"))
     assert same_picture(whole, culled)
     stats = culled.stats
     assert stats.drawn + stats.hidden + stats.outside == stats.samples == layered.samples
@@ -233,7 +258,7 @@ def test_the_order_alone_is_right_almost_everywhere(seed):
     images = [surfaces(rng, camera_at((0.15 * n, 0, 0), width=96, height=64, focal=80.0), share=0.0) for n in range(3)]
     layered = LayeredDepthImage.build(images[0], images[1:])
     target = camera_at(rng.uniform(-0.3, 0.3, 3), width=96, height=64, focal=80.0)
-    by_depth, by_order = layered.warp(target, 1), layered.warp(target, 1, order="occlusion")
+    by_depth, by_order = layered.warp(target, 1, order="zbuffer"), layered.warp(target, 1)
     np.testing.assert_array_equal(by_depth.hole, by_order.hole)
     assert np.isclose(by_depth.depth, by_order.depth, rtol=0.1).mean() > 0.98
 
@@ -249,7 +274,9 @@ def test_compaction_keeps_what_the_views_show(seed, loss):
     before, after = ([image.warp(view) for view in views] for image in (layered, small))
     if loss == 0:
         assert all(same_picture(a, b) for a, b in zip(before, after, strict=True))
-        np.testing.assert_array_equal(np.minimum(small._kernel.shown(stack(views), 1), 1), np.ones(small.samples))
+        np.testing.assert_array_equal(
+            np.minimum(small._kernel.shown(stack(views), 1, "occlusion"), 1), np.ones(small.samples)
+        )
     else:
         assert small.samples <= layered.compact(views).samples
         shown = sum(a.exact.sum() for a in before)
@@ -283,6 +310,28 @@ def test_casting_counts_what_open3d_counts_and_begins_with_the_picture():
         scene, camera, 1, color=lambda faces, points: np.full((len(faces), 3), (255, 0, 0), np.uint8)
     )
     assert (red.color == (255, 0, 0)).all()
+
+
+def test_normals_of_hits_are_those_of_their_faces():
+    o3d = need("open3d")
+    scene = cyc.scenes.gear()
+    camera = Camera.look_at(scene.center + (0.3, 0.2, 2.5 * scene.radius), scene.center, width=80, height=60)
+    layered = LayeredDepthImage.cast(scene, camera, normals=True)
+    assert layered.normals.dtype == np.uint16 and len(layered.normals) == layered.samples
+    rays = o3d.t.geometry.RaycastingScene()
+    rays.add_triangles(scene.vertices.astype(np.float32), scene.faces)
+    origins, directions = camera.rays()
+    hits = rays.cast_rays(o3d.core.Tensor(np.concatenate([origins, directions], -1).astype(np.float32)))
+    true = hits["primitive_normals"].numpy()
+    true = np.where((true * directions).sum(-1, keepdims=True) > 0, -true, true)
+    there = layered.counts > 0
+    found = decode(layered.normals[layered.offsets[:-1].reshape(there.shape)[there]])
+    # Sixteen bits hold a direction to a degree; on an edge either face may be hit.
+    assert ((found * true[there]).sum(-1) > np.cos(np.radians(1))).mean() > 0.99
+    every = decode(layered.normals)
+    pixel = np.repeat(np.arange(there.size), layered.counts.reshape(-1))
+    assert ((every * directions.reshape(-1, 3)[pixel]).sum(-1) < np.sin(np.radians(1))).all()
+    assert LayeredDepthImage.cast(scene, camera).normals is None
 
 
 def test_a_tolerance_leaves_out_hits_that_lie_close_behind():
@@ -425,7 +474,8 @@ def test_bad_arguments_are_refused():
         (lambda: layered.warp(image.camera, "disparity"), "cull='paper'"),
         (lambda: layered.warp(image.camera, cull="all"), "cull must be"),
         (lambda: layered.warp(image.camera, order="random"), "order must be"),
-        (lambda: layered.warp(image.camera, cull="exact", order="occlusion"), "zbuffer"),
+        (lambda: layered.warp(image.camera, "mesh"), "neighbours"),
+        (lambda: layered.warp(image.camera, "projected", cull="paper"), "neighbours"),
         (lambda: layered.warp(image.camera, threads=0), "threads"),
         (lambda: layered.warp(image.camera, thresholds=(0, 1), cull="paper"), "thresholds"),
         (lambda: layered.warp(image.camera, out=layered.warp(camera_at(width=3))), "out has shape"),

@@ -19,7 +19,7 @@ import numpy.typing as npt
 from . import _core, ldi_storage
 from .camera import Camera, stack
 from .depth_image import DepthImage
-from .normals import encode, of_image
+from .normals import encode, of_faces, of_image
 from .placing import camera_through, construction_cameras, quadrilateral
 from .render import BACKGROUND
 from .warp import Order, Warped, _check_camera, _colors_behind, _fresh, _splat_size
@@ -43,6 +43,9 @@ _OUTSIDE, _HIDDEN, _DRAWN = 1, 2, 3
 
 Floats = npt.NDArray[np.float64]
 Cull = Literal["exact", "paper"] | Literal[False]
+
+# When two samples are one: tolerances of depth and colour, and whether those at corners count apart.
+Conflict = tuple[float, int, bool]
 
 
 @dataclass(frozen=True)
@@ -234,6 +237,7 @@ class LayeredDepthImage:
         *,
         tolerance: float = 2.0,
         color_tolerance: int = 64,
+        corners: bool = True,
         max_error: float | None = None,
         held_out: Sequence[DepthImage] | None = None,
         normals: bool = False,
@@ -255,6 +259,11 @@ class LayeredDepthImage:
             Samples conflict where their depths differ by at most so many times the width that a pixel covers there.
         color_tolerance : int
             Conflicting samples are both kept where a channel of their colours differs by more.
+        corners : bool
+            Keep a sample of a surface near each pixel's lower right corner, too, where an image has one: then there is
+            enough for views that come nearer than the central image. At 1024 x 768 in a furnished house 0.5 dB better
+            (31.4 dB instead of 30.9, all nine images 31.7), for half as many samples again (1.8 a pixel instead of
+            1.2).
         max_error : float, optional
             Merge no more construction images than it takes to come below this error, in grey levels of 255: again and
             again the one that makes the worst error of the held-out images least. The error of an image is the root of
@@ -294,7 +303,9 @@ class LayeredDepthImage:
             raise ValueError(f"tolerance must be finite and at least 0, got {tolerance}")
         if not (isinstance(color_tolerance, (int, np.integer)) and 0 <= color_tolerance <= 255):
             raise ValueError(f"color_tolerance must be an integer from 0 to 255, got {color_tolerance!r}")
-        layered = cls._fewest(images, tolerance, color_tolerance, max_error, held_out, threads)
+        layered = cls._fewest(
+            images, (float(tolerance), int(color_tolerance), bool(corners)), max_error, held_out, threads
+        )
         if normals:
             words = [encode(of_image(images[0]))] + [encode(of_image(construction[index])) for index in layered.merged]
             starts = np.cumsum([0, *(word.size for word in words[:-1])])
@@ -307,8 +318,7 @@ class LayeredDepthImage:
     def _fewest(
         cls,
         images: Sequence[DepthImage],
-        tolerance: float,
-        color_tolerance: int,
+        conflict: Conflict,
         max_error: float | None,
         held_out: Sequence[DepthImage] | None,
         threads: int | None,
@@ -318,7 +328,7 @@ class LayeredDepthImage:
         if max_error is None:
             if held_out is not None:
                 raise ValueError("held_out is of use only with max_error")
-            return cls._merge(images, range(len(construction)), tolerance, color_tolerance, threads)
+            return cls._merge(images, range(len(construction)), conflict, threads)
         if not (np.isfinite(max_error) and max_error >= 0):
             raise ValueError(f"max_error must be finite and at least 0, got {max_error}")
         judges = list(construction if held_out is None else held_out)
@@ -326,12 +336,10 @@ class LayeredDepthImage:
             if not isinstance(image, DepthImage):
                 raise ValueError(f"held_out[{index}] must be a DepthImage, got {type(image).__name__}")
         left = list(range(len(construction)))
-        best = cls._merge(images, [], tolerance, color_tolerance, threads)
+        best = cls._merge(images, [], conflict, threads)
         errors = [_errors(best, judges, threads)]
         while errors[-1][0] > max_error and left:
-            trials = [
-                cls._merge(images, sorted([*best.merged, index]), tolerance, color_tolerance, threads) for index in left
-            ]
+            trials = [cls._merge(images, sorted([*best.merged, index]), conflict, threads) for index in left]
             found = [_errors(trial, judges, threads) for trial in trials]
             chosen = min(range(len(left)), key=lambda trial: found[trial])
             best = trials[chosen]
@@ -345,8 +353,7 @@ class LayeredDepthImage:
         cls,
         images: Sequence[DepthImage],
         which: Sequence[int],
-        tolerance: float,
-        color_tolerance: int,
+        conflict: Conflict,
         threads: int | None,
     ) -> LayeredDepthImage:
         """The first of the images with some of those after it."""
@@ -354,8 +361,7 @@ class LayeredDepthImage:
         kernel, which_image, pixel = _core.Layered.build(
             stack([image.camera for image in used]),
             [(image.color, image.disparity, image.missing) for image in used],
-            float(tolerance),
-            int(color_tolerance),
+            *conflict,
             threads,
         )
         image = cls._of(kernel, images[0].camera)
@@ -373,6 +379,7 @@ class LayeredDepthImage:
         *,
         tolerance: float = 0.0,
         color: Callable[[npt.NDArray[np.uint32], Floats], npt.ArrayLike] | None = None,
+        normals: bool = False,
         threads: int | None = None,
     ) -> LayeredDepthImage:
         """Sample all surfaces that the ray through each pixel meets (section 4.3.1, figure 4-4 (a)).
@@ -390,6 +397,8 @@ class LayeredDepthImage:
         color : callable, optional
             Takes the faces (N,) and the world positions (N, 3) of N hits, and gives their colours (N, 3) uint8. By
             default they are shaded as `Scene.render` shades them.
+        normals : bool
+            Also keep each hit's normal, that of its face, toward the eye (`cyclorama.normals`).
         threads : int, optional
             All cores by default.
 
@@ -435,7 +444,11 @@ class LayeredDepthImage:
                 ids.reshape(-1)[pixel[own]] = faces[own]
                 scene._mesh.shade(stack(camera), ids, picture, scene.colors)
                 colors[own] = picture.reshape(-1, 3)[pixel[own]]
-        return cls(camera, offsets, colors, (1.0 / depths.astype(np.float64)).astype(np.float32))
+        words = None
+        if normals:
+            _, rays = camera.rays()
+            words = encode(of_faces(scene.vertices, scene.faces[faces], -rays.reshape(-1, 3)[pixel]))
+        return cls(camera, offsets, colors, (1.0 / depths.astype(np.float64)).astype(np.float32), normals=words)
 
     @property
     def samples(self) -> int:
@@ -495,7 +508,7 @@ class LayeredDepthImage:
         camera: Camera,
         splat: int | Literal["disparity"] = 3,
         *,
-        order: Order = "zbuffer",
+        order: Order = "occlusion",
         cull: Cull = False,
         thresholds: tuple[int, int] = (64, 4),
         background: Warped | npt.NDArray[np.uint8] | None = None,
@@ -512,11 +525,12 @@ class LayeredDepthImage:
             As for `cyclorama.warp.forward`. Besides, where it is more than 1, a pixel whose neighbours left and right
             of it, or above and below, are both nearer by more than 3 % is a crack through which something behind
             shines; it is filled from around like one that nothing fell on.
-        order : {"zbuffer", "occlusion"}
-            Samples are drawn in occlusion-compatible order either way. "zbuffer" also compares depths, which decides
-            where two samples share a pixel though their lines through the epipole differ.
+        order : {"occlusion", "zbuffer"}
+            Samples are drawn in occlusion-compatible order either way, bands of the picture in parallel. "zbuffer" also
+            compares depths, which decides where two samples share a pixel though their lines through the epipole
+            differ.
         cull : {False, "exact", "paper"}
-            "exact" leaves out samples that are hidden: no pixel of the picture changes. It needs ``order="zbuffer"``.
+            "exact" leaves out samples that are hidden: no pixel of the picture changes, whichever the order.
             "paper" goes front to back through an octree with an occlusion buffer, as the LDI culling paper has it
             (sections 3.2 and 3.3): splats are opaque at the pixel that a centre falls on and fade to their edges, and
             what the octree's order gets wrong is wrong in the picture. `cull_faults` counts that. It is there to be
@@ -599,7 +613,7 @@ class LayeredDepthImage:
         out, (count, side) = _fresh(camera), _thresholds(thresholds)
         arrays = (out.color, out.depth, out.hole, out.exact, out.source)
         fates = self._kernel.warp_as_paper(stack(camera), arrays, size, count, side)
-        visible = self._kernel.shown(stack(camera), size or 3) > 0
+        visible = self._kernel.shown(stack(camera), size or 3, "occlusion") > 0
         drawn = fates == _DRAWN
         masks = (fates == _HIDDEN, visible & ~drawn, ~visible & drawn)
         return Faults(self.samples, *(float(mask.sum() / max(1, self.samples)) for mask in masks))
@@ -632,7 +646,7 @@ class LayeredDepthImage:
             Views that matter: many eyes of the region that the image is for.
         loss : float
             The share of what these views show, in pixels that a sample's centre fell on, that may be lost. With 0 none
-            of their pixels changes, whatever the splats.
+            of their pixels changes, whatever the splats, drawn in occlusion-compatible order.
         threads : int, optional
             All cores by default.
 
@@ -661,7 +675,7 @@ class LayeredDepthImage:
             _check_camera(view)
         if not 0 <= loss <= 1:
             raise ValueError(f"loss must be from 0 to 1, got {loss}")
-        shown = self._kernel.shown(stack(views), 1, threads).astype(np.int64)
+        shown = self._kernel.shown(stack(views), 1, "occlusion", threads).astype(np.int64)
         order = np.argsort(shown, kind="stable")
         gone = np.cumsum(shown[order]) <= loss * shown.sum()
         keep = np.ones(self.samples, np.bool_)
@@ -739,10 +753,15 @@ def _errors(image: LayeredDepthImage, judges: Sequence[DepthImage], threads: int
 
 def _size(splat: int | Literal["disparity"], as_paper: bool) -> int:
     """A splat's side, 0 if it follows the disparity."""
+    if splat in ("mesh", "projected"):
+        raise ValueError(
+            f"splat={splat!r} asks each sample for its neighbours, which those of a layered image don't have: give a "
+            "number of pixels, or warp its layers, `[image.layer(k), ..., image.layer(0)]`, by `warp.forward`"
+        )
     if splat != "disparity":
         return _splat_size(splat)
     if not as_paper:
-        raise ValueError("splat='disparity' is for cull='paper'")
+        raise ValueError("splat='disparity' of a layered image is for cull='paper' only: give a number of pixels")
     return 0
 
 

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from .depth_image import DepthImage
 
-__all__ = ["decode", "encode", "of_image"]
+__all__ = ["decode", "encode", "of_faces", "of_image"]
 
 Floats = npt.NDArray[np.float64]
 
@@ -74,6 +74,39 @@ def decode(words: npt.ArrayLike) -> Floats:
     flat = np.where(up >= 0, flat, (1 - np.abs(flat[..., ::-1])) * _signs(flat))
     vectors = np.concatenate([flat, up], axis=-1)
     return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
+
+
+def of_faces(vertices: npt.ArrayLike, faces: npt.ArrayLike, toward: npt.ArrayLike) -> Floats:
+    """Normals of triangles, on the side that is asked for.
+
+    Parameters
+    ----------
+    vertices : (V, 3) array_like of float
+    faces : (N, 3) array_like of int
+        Corners of each triangle.
+    toward : (N, 3) array_like of float
+        A direction of any length that each normal is not to point away from; the normal itself where a triangle has no
+        area.
+
+    Returns
+    -------
+    (N, 3) ndarray of float64
+        Unit vectors.
+
+    Examples
+    --------
+    >>> of_faces([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 1]], [[1, 0, 9], [1, 0, 9]])
+    array([[0., 0., 1.],
+           [0., 0., 1.]])
+    """
+    corners = np.asarray(vertices, dtype=np.float64)[np.asarray(faces)]
+    side = np.asarray(toward, dtype=np.float64)
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    size = np.linalg.norm(normal, axis=-1, keepdims=True)
+    normal = np.where(size > 0, normal, side)
+    normal = normal / np.linalg.norm(normal, axis=-1, keepdims=True)
+    away = (normal * side).sum(axis=-1, keepdims=True) < 0
+    return np.asarray(np.where(away, -normal, normal) + 0.0)
 
 
 def of_image(image: DepthImage) -> Floats:

@@ -98,13 +98,14 @@ impl PyLayered {
 
     /// Merges pictures into the first one; also says which picture and which pixel of it each sample is from.
     #[staticmethod]
-    #[pyo3(signature = (cameras, pictures, footprints, color, threads=None))]
+    #[pyo3(signature = (cameras, pictures, footprints, color, corners, threads=None))]
     fn build<'py>(
         py: Python<'py>,
         cameras: CameraArrays<'_>,
         pictures: Vec<ImageArrays<'_>>,
         footprints: f64,
         color: u8,
+        corners: bool,
         threads: Option<i64>,
     ) -> PyResult<(Self, ByteArray<'py>, IndexArray<'py>)> {
         let cameras = self::cameras(&cameras)?;
@@ -123,7 +124,7 @@ impl PyLayered {
                 })
             })
             .collect::<PyResult<Vec<_>>>()?;
-        let conflict = Conflict { footprints, color };
+        let conflict = Conflict { footprints, color, corners };
         let (image, sources) =
             interrupt::run(py, threads, None, |control| build(&pictures, conflict, control))?;
         let images = PyArray1::from_iter(py, sources.iter().map(|source| source.0));
@@ -235,17 +236,20 @@ impl PyLayered {
     }
 
     /// In how many pictures of the cameras each sample is shown by its own pixel.
-    #[pyo3(signature = (cameras, size, threads=None))]
+    #[pyo3(signature = (cameras, size, order, threads=None))]
     fn shown<'py>(
         &self,
         py: Python<'py>,
         cameras: CameraArrays<'_>,
         size: usize,
+        order: &str,
         threads: Option<i64>,
     ) -> PyResult<Bound<'py, PyArray1<u32>>> {
         let targets = self::cameras(&cameras)?;
-        let counts =
-            interrupt::run(py, threads, None, |control| shown(&self.image, &targets, size / 2, control))?;
+        let order = self::order(order)?;
+        let counts = interrupt::run(py, threads, None, |control| {
+            shown(&self.image, &targets, order, size / 2, control)
+        })?;
         Ok(PyArray1::from_vec(py, counts))
     }
 

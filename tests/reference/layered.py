@@ -14,8 +14,11 @@ def place(source, target, x, y, disparity):
     return there[0] / there[2], there[1] / there[2], disparity / there[2]
 
 
-def merge(images, tolerance, color_tolerance):
-    """For each pixel of the first image the samples (disparity, colour, place) of all images, nearest first."""
+def merge(images, tolerance, color_tolerance, corners):
+    """For each pixel of the first image the samples (disparity, colour, place) of all images, nearest first.
+
+    With `corners` those 3 sixteenths of a pixel or more right of and below its centre are apart from the others.
+    """
     camera = images[0].camera
     pixels = [[] for _ in range(camera.width * camera.height)]
     for number, image in enumerate(images):
@@ -32,8 +35,10 @@ def merge(images, tolerance, color_tolerance):
             own = pixels[row * camera.width + column]
             footprint = tolerance / min(camera.K[0, 0], camera.K[1, 1])
             same = [
-                abs(other - at[2]) <= footprint * max(other, at[2]) and np.abs(c - color).max() <= color_tolerance
-                for other, c, _ in own
+                abs(other - at[2]) <= footprint * max(other, at[2])
+                and np.abs(c - color).max() <= color_tolerance
+                and not (corners and (min(p) >= 3) != (min(steps) >= 3))
+                for other, c, p in own
             ]
             if not any(same):
                 own.append((at[2], color, steps))

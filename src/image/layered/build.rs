@@ -5,7 +5,7 @@
 //! one stays alone, unless the two differ in colour. Images that come earlier have precedence: nearest to the centre
 //! first.
 
-use super::place::{pack, pack_at, rgb};
+use super::place::{pack, pack_at, rgb, steps};
 use super::{Color, Layered};
 use crate::camera::{Camera, Projection};
 use crate::control::Control;
@@ -68,7 +68,13 @@ pub struct Conflict {
     pub footprints: f64,
     /// No channel of their colours differs by more.
     pub color: u8,
+    /// One near the pixel's lower right corner and one that is not stay both: a surface then has up to a sample at each
+    /// pixel's corner beside that at its centre, for views that see it sharper than the central camera.
+    pub corners: bool,
 }
+
+/// Steps right and down of a pixel's centre from which on a sample lies near the corner.
+const CORNER: i32 = 3;
 
 /// A sample that was warped to the central camera.
 #[derive(Debug, Clone, Copy)]
@@ -115,9 +121,7 @@ pub fn build(
     let near = (conflict.footprints / focal) as f32;
     let rows: Vec<Merged> = (0..central.camera.height)
         .into_par_iter()
-        .map(|row| {
-            sorted.merge(row * central.camera.width..(row + 1) * central.camera.width, near, conflict.color)
-        })
+        .map(|row| sorted.merge(row * central.camera.width..(row + 1) * central.camera.width, near, conflict))
         .collect();
     control.step(1)?;
     let total: usize = rows.iter().map(|row| row.disparities.len()).sum();
@@ -211,7 +215,7 @@ impl Sorted {
     }
 
     /// Resolves the conflicts of some pixels and sorts what stays.
-    fn merge(&self, pixels: std::ops::Range<usize>, near: f32, tolerance: u8) -> Merged {
+    fn merge(&self, pixels: std::ops::Range<usize>, near: f32, conflict: Conflict) -> Merged {
         let mut merged = Merged::default();
         let mut stay: Vec<Candidate> = Vec::new();
         for pixel in pixels {
@@ -219,7 +223,8 @@ impl Sorted {
             for &sample in &self.samples[self.starts[pixel] as usize..self.starts[pixel + 1] as usize] {
                 let same = |other: &Candidate| {
                     (other.1 - sample.1).abs() <= near * other.1.max(sample.1)
-                        && differ(other.0, sample.0) <= tolerance
+                        && differ(other.0, sample.0) <= conflict.color
+                        && !(conflict.corners && at_corner(other.0) != at_corner(sample.0))
                 };
                 if !stay.iter().any(same) {
                     stay.push(sample);
@@ -236,6 +241,11 @@ impl Sorted {
         }
         merged
     }
+}
+
+/// Whether a sample lies near its pixel's lower right corner.
+fn at_corner(color: Color) -> bool {
+    steps(color).iter().all(|&step| step >= CORNER)
 }
 
 /// The greatest difference of a channel.
@@ -274,7 +284,7 @@ mod tests {
         }
     }
 
-    const SAME: Conflict = Conflict { footprints: 1.0, color: 255 };
+    const SAME: Conflict = Conflict { footprints: 1.0, color: 255, corners: false };
 
     proptest! {
         #[test]

@@ -6,10 +6,14 @@
 //! what construction images bring by up to half a pixel; that byte costs nothing and keeps it in place.
 
 pub mod build;
+mod cracks;
+mod hidden;
 pub mod octree;
 pub mod paper;
 pub mod place;
+mod tile_map;
 pub mod tiles;
+mod view;
 pub mod warp;
 
 use crate::camera::{Camera, Projection};

@@ -40,11 +40,19 @@ pub struct Chunk {
     /// The least and greatest column and row, as [`Tiles::x`] and [`Tiles::y`] have them.
     pub low: [u8; 2],
     pub high: [u8; 2],
+    /// The same of these and all samples of the tile before them: those with less disparity.
+    pub(super) rest_low: [u8; 2],
+    pub(super) rest_high: [u8; 2],
 }
 
 impl Chunk {
     pub fn samples(&self) -> Range<usize> {
         self.start as usize..self.end as usize
+    }
+
+    /// These samples and those before them, of a tile whose samples begin at `start`.
+    pub fn and_before(&self, start: u32) -> Self {
+        Self { start, low: self.rest_low, high: self.rest_high, ..*self }
     }
 }
 
@@ -116,18 +124,18 @@ impl Tiles {
     /// Makes chunks of the samples from `start` on: those of one more tile.
     fn divide(&mut self, start: usize) {
         let (mut start, end) = (start, self.disparities.len());
+        let (mut rest_low, mut rest_high) = ([u8::MAX; 2], [0; 2]);
         while start < end {
             let most = (start + CHUNK).min(end);
             let far = |at: &usize| self.disparities[*at] > GAP * self.disparities[*at - 1];
             let end = (start + FEW..most).find(far).unwrap_or(most);
             let least = |of: &[u8]| of[start..end].iter().copied().min().unwrap_or(0);
             let greatest = |of: &[u8]| of[start..end].iter().copied().max().unwrap_or(0);
-            self.chunks.push(Chunk {
-                start: start as u32,
-                end: end as u32,
-                low: [least(&self.x), least(&self.y)],
-                high: [greatest(&self.x), greatest(&self.y)],
-            });
+            let (low, high) = ([least(&self.x), least(&self.y)], [greatest(&self.x), greatest(&self.y)]);
+            rest_low = [rest_low[0].min(low[0]), rest_low[1].min(low[1])];
+            rest_high = [rest_high[0].max(high[0]), rest_high[1].max(high[1])];
+            let (first, last) = (start as u32, end as u32);
+            self.chunks.push(Chunk { start: first, end: last, low, high, rest_low, rest_high });
             start = end;
         }
         self.chunk_starts.push(self.chunks.len() as u32);
@@ -242,6 +250,9 @@ mod tests {
                             let inside = |axis: usize| chunk.low[axis] as usize <= place[axis]
                                 && place[axis] <= chunk.high[axis] as usize;
                             prop_assert!(inside(0) && inside(1));
+                            let rest = tiles.chunks[tiles.of_tile(column, row).end - 1].and_before(0);
+                            let held = |a: usize| rest.low[a] as usize <= place[a] && place[a] <= rest.high[a] as usize;
+                            prop_assert!(held(0) && held(1));
                         }
                     }
                 }
