@@ -1,4 +1,4 @@
-# make demo | test | bench | lint: each works as the only command after a clone, given Rust and Python 3.11 or newer.
+# make demo | test | bench | lint | figures: each works as the only command after a clone, given Rust and Python 3.11 or newer.
 # Everything is installed into .venv from the package index that pip is configured with.
 
 VENV := .venv
@@ -10,7 +10,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 SOURCES := $(shell find src -name '*.rs') Cargo.toml Cargo.lock
 DEMO_EXTRAS := mesh,viz
 
-.PHONY: demo test bench lint clean
+.PHONY: demo test bench lint figures clean
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 
@@ -34,6 +34,10 @@ lint: $(VENV)/.test $(VENV)/.built $(VENV)/.rust
 	$(BIN)/mypy
 	$(BIN)/python -m mypy.stubtest cyclorama._core --mypy-config-file pyproject.toml \
 	  --allowlist tools/stubtest-allowed --ignore-disjoint-bases
+
+# docs/warp-failures.md and its figures.
+figures: $(VENV)/.test $(VENV)/.built
+	$(BIN)/python tools/draw-failures
 
 # Embree's packets of 16 rays, to race against; the bench says so where libembree-dev is not to be had.
 target/embree16: benches/embree16/packets.cpp

@@ -6,6 +6,7 @@ A test that needs a package, a driver or a mesh which is not here skips with a r
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 from collections.abc import Callable, Iterator
@@ -81,21 +82,29 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 @pytest.fixture
 def figure(request: pytest.FixtureRequest) -> Callable[..., None]:
-    """`figure({title: picture, ...})` draws pictures side by side, named after the test, if `--figures` asks."""
+    """Draws pictures side by side if `--figures` asks: `figure({title: picture, ...}, measured="what came out")`.
+
+    The files are named after the test; beside the picture lies what the test says of itself and what it measured.
+    """
     folder: Path | None = request.config.getoption("--figures")
 
-    def draw(pictures: dict[str, npt.NDArray[np.uint8]]) -> None:
+    def draw(pictures: dict[str, npt.NDArray[np.uint8]], measured: str) -> None:
         if folder is None:
             return
         pyplot = pytest.importorskip("matplotlib.pyplot", reason="needs matplotlib to draw figures")
         folder.mkdir(parents=True, exist_ok=True)
-        drawing, panels = pyplot.subplots(1, len(pictures), figsize=(4 * len(pictures), 3.6), squeeze=False)
-        for panel, (title, picture) in zip(panels[0], pictures.items(), strict=True):
-            panel.imshow(picture, interpolation="nearest")
-            panel.set_title(title, fontsize=9)
+        across = min(4, len(pictures))
+        down = -(-len(pictures) // across)
+        drawing, panels = pyplot.subplots(down, across, figsize=(2.8 * across, 2.4 * down), squeeze=False)
+        for panel in panels.flat:
             panel.set_axis_off()
-        drawing.savefig(folder / f"{request.node.name}.png", dpi=120, bbox_inches="tight")
+        for panel, (title, picture) in zip(panels.flat, pictures.items(), strict=False):
+            panel.imshow(picture, interpolation="nearest")
+            panel.set_title(title, fontsize=8)
+        drawing.savefig(folder / f"{request.node.name}.png", dpi=75, bbox_inches="tight")
         pyplot.close(drawing)
+        said = {"says": request.node.function.__doc__, "measured": measured}
+        (folder / f"{request.node.name}.json").write_text(json.dumps(said))
 
     return draw
 

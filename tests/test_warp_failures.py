@@ -56,11 +56,12 @@ def test_disocclusion_behind_a_pole(figure):
     # Between the right edge of the pole and what was beside it on the wall: 0.2 (f / 2 - f / 6) pixels.
     width = 0.2 * (f / 2 - f / 6)
     middle = slice(0, here.width - int(0.2 * f / 6) - 1)
-    pictures = {"truth": truth.color}
+    pictures, widths = {"truth": truth.color}, []
     for splat, eaten in ((1, 1), (3, 3), ("mesh", 2)):
         out = warp.forward(images[0], there, splat=splat)
         hole = out.hole[75, middle]
         assert width - eaten <= hole.sum() <= width + 1
+        widths.append(f"{hole.sum()} with splat={splat!r}")
         assert not (out.hole & seen)[:, 1:-1].mean() > 0.002
         # Filling is a guess that says so.
         assert (warp.fill(out).hole == out.hole).all()
@@ -68,7 +69,11 @@ def test_disocclusion_behind_a_pole(figure):
     both = warp.forward(images[::-1], there, splat="mesh")
     either = quality.seen(scene, truth, [here, beyond])
     assert quality.compare(both, truth, either).cracks < 0.002 and not both.hole[:, middle].any()
-    figure(pictures | {"two references": shown(both)})
+    figure(
+        pictures | {"two references": shown(both)},
+        measured=f"The hole is {width:.1f} pixels wide by geometry, {', '.join(widths)}; "
+        "with two references there is none.",
+    )
 
 
 def test_grazing_surfaces(figure):
@@ -86,7 +91,12 @@ def test_grazing_surfaces(figure):
     assert measured["mesh"].known_psnr < 25
     assert (image.joins[image.points()[..., 2] > -30] & 3 == 3).mean() > 0.95
     pictures = {"reference": image.color, "truth": truth.color}
-    figure(pictures | {f"splat={s!r}": shown(warp.forward(image, there, splat=s)) for s in SPLATS})
+    found = ", ".join(f"{100 * q.cracks:.1f} % ({s!r})" for s, q in measured.items())
+    figure(
+        pictures | {f"splat={s!r}": shown(warp.forward(image, there, splat=s)) for s in SPLATS},
+        measured=f"Cracks on {found} of what the reference saw; the mesh's pixels are "
+        f"{measured['mesh'].known_psnr:.1f} dB.",
+    )
 
 
 @pytest.mark.parametrize("closer", [2.0, 4.0])
@@ -95,14 +105,15 @@ def test_the_new_view_is_closer_than_the_reference(figure, closer):
     scene = scene_of(quad((-9, -9), (9, 9), -4))
     here, there = looking((0, 0, 0)), looking((0, 0, -4 * (1 - 1 / closer)))
     image, truth = (quality.textured(scene, camera, grain=0.2) for camera in (here, there))
-    pictures = {"truth": truth.color}
+    pictures, found = {"truth": truth.color}, []
     for splat in SPLATS:
         out = warp.forward(image, there, splat=splat)
         cracks = out.hole.mean()
         expected = 1 - min(1, (splat if isinstance(splat, int) else closer) / closer) ** 2
         assert cracks == pytest.approx(expected, abs=0.03)
         pictures[f"splat={splat!r}, {100 * cracks:.0f} % hole"] = shown(out)
-    figure(pictures)
+        found.append(f"{100 * cracks:.1f} % ({splat!r})")
+    figure(pictures, measured=f"{closer:g} times as close, {', '.join(found)} of the picture is hole.")
 
 
 @pytest.mark.parametrize("order", ["occlusion", "zbuffer"])
@@ -112,7 +123,7 @@ def test_a_move_to_behind_the_reference(figure, order):
     here, there = looking((0, 0, 0)), looking((0, 0, 2))
     image, truth = (quality.textured(scene, camera, grain=0.4) for camera in (here, there))
     seen = quality.seen(scene, truth, here)
-    pictures = {"truth": truth.color}
+    pictures, found = {"truth": truth.color}, []
     for splat in (1, 3, "mesh"):
         out = warp.forward(image, there, splat=splat, order=order)
         # The wall, 6 away, is 8 away now: the reference's picture is 3 / 4 as large, less what the square hid.
@@ -123,9 +134,16 @@ def test_a_move_to_behind_the_reference(figure, order):
         near = (truth.depth < 5) & seen
         assert near.sum() > 200 and (out.depth[near] < 5).mean() > (0.999 if splat == "mesh" else 0.97)
         pictures[f"splat={splat!r}"] = shown(out)
+        lost = 100 * (out.hole & seen).sum() / seen.sum()
+        wrong = 100 * (out.depth[near] >= 5).mean()
+        found.append(f"{lost:.2f} % and {wrong:.2f} % ({splat!r})")
     beyond = warp.forward(image, looking((0, 0, -7)))
     assert beyond.hole.all()
-    figure(pictures)
+    figure(
+        pictures,
+        measured="Holes in what the reference saw, and pixels of the near square that show the wall: "
+        f"{', '.join(found)}. From beyond the wall all is hole.",
+    )
 
 
 def test_two_surfaces_within_the_depth_tolerance(figure):
@@ -153,7 +171,8 @@ def test_two_surfaces_within_the_depth_tolerance(figure):
         papered = true_hole - warped.hole[75, :-25].sum()
         assert -1 <= papered <= 1.5
     assert samples[0.5] <= samples[4.0] <= samples[64.0]
-    figure(pictures)
+    found = ", ".join(f"{count:,} at {apart:g}" for apart, count in samples.items())
+    figure(pictures, measured=f"Samples kept, by how many pixels' widths the sheets are apart: {found}.")
 
 
 def test_mixed_pixels_at_silhouettes(figure):
@@ -187,7 +206,8 @@ def test_mixed_pixels_at_silhouettes(figure):
     # Nothing tells such pixels from real ones but their depth.
     assert all(floating["mixed", splat] > 50 for splat in (1, 3, "mesh"))
     assert all(floating["masked", splat] == 0 for splat in (1, 3, "mesh"))
-    figure(pictures)
+    found = ", ".join(f"{floating['mixed', s]} ({s!r})" for s in (1, 3, "mesh"))
+    figure(pictures, measured=f"Of {mixed.sum()} mixed pixels, {found} float; none where they are masked.")
 
 
 def test_a_scene_at_infinity(figure):
@@ -215,7 +235,12 @@ def test_a_scene_at_infinity(figure):
         shift = round(0.2 * here.K[0, 0] / 2)
         assert (out.depth[:, 92 - shift : 108 - shift] < 3).all()
         assert out.hole[:, 112 - shift : 108].all()
-    figure(pictures)
+    wide = out.hole[75, 50:150].sum()
+    figure(
+        pictures,
+        measured="No pixel changes on a move of a million units; a post before it moves by "
+        f"{shift} pixels and leaves a hole {wide} wide.",
+    )
 
 
 @pytest.mark.parametrize("splat", SPLATS)
@@ -232,7 +257,11 @@ def test_a_one_pixel_image(figure, splat):
     assert away.hole.all() and (away.color == 0).all() and np.isinf(away.depth).all()
     missing = DepthImage(dot.color, np.full((1, 1), np.inf), here)
     assert warp.forward(missing, larger, splat=splat).hole.all()
-    figure({f"splat={splat!r}": shown(out)})
+    covered = warp.forward(dot, larger, splat=splat)
+    figure(
+        {f"splat={splat!r}": shown(covered)},
+        measured=f"It covers {(~covered.hole).sum()} of 9 x 9 pixels as large as it.",
+    )
 
 
 @pytest.mark.parametrize("splat", SPLATS)
@@ -242,6 +271,7 @@ def test_extreme_disparity(figure, splat):
     rng = np.random.default_rng(0)
     color = rng.integers(0, 256, (40, 60, 3), dtype=np.uint8)
     image = DepthImage(color, 10.0 ** rng.uniform(-30, 30, (40, 60)), here)
+    pictures, found = {"reference": color}, []
     for distance in (0.0, 1e-25, 1e-3, 1.0, 1e25):
         there = looking((distance, 0.3 * distance, -0.1 * distance), size=(60, 40))
         start = time.perf_counter()
@@ -256,7 +286,11 @@ def test_extreme_disparity(figure, splat):
         # Samples that stay in the picture are in it, or behind others.
         x, y = np.floor(at[inside]).astype(int).T
         assert known[y, x].mean() > 0.98
-    figure({f"splat={splat!r}": shown(out)})
+        pictures[f"moved {distance:g}"] = shown(out)
+        found.append(f"{100 * (1 - known[y, x].mean()):.2f} %")
+    figure(
+        pictures, measured=f"Share of the samples that fall into the picture whose pixel is empty: {', '.join(found)}."
+    )
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -286,4 +320,4 @@ def test_an_eye_on_the_surface_takes_no_time(figure):
             out = warp.forward(image, looking(eye, forward, size=(320, 240)), splat="mesh")
             assert time.perf_counter() - start < 2
             assert (out.depth[~out.hole] > 0).all()
-    figure({"eye on the surface": shown(out)})
+    figure({"eye on the surface": shown(out)}, measured="Less than 2 s a picture.")
