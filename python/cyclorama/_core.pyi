@@ -82,6 +82,14 @@ class Layered:
         keep: bool = False,
         threads: int | None = None,
     ) -> tuple[int, int, int]: ...
+    def warp_patches(
+        self,
+        camera: tuple[object, ...],
+        out: tuple[npt.NDArray[Any], ...],
+        background: npt.NDArray[np.uint8] | None = None,
+        keep: bool = False,
+        threads: int | None = None,
+    ) -> None: ...
     def warp_as_paper(
         self,
         camera: tuple[object, ...],

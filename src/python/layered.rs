@@ -9,6 +9,7 @@ use crate::control::Control;
 use crate::image::layered::build::{Conflict, Picture, build};
 use crate::image::layered::octree::{Octree, Thresholds};
 use crate::image::layered::paper::{self, Splat};
+use crate::image::layered::patches::{self, Slopes};
 use crate::image::layered::tiles::Tiles;
 use crate::image::layered::warp::{COLOR, Cull, Manner, shown, warp};
 use crate::image::layered::{Layered, place};
@@ -25,6 +26,8 @@ pub struct PyLayered {
     image: Layered,
     /// The samples as they are drawn, sorted at the first warp.
     tiles: OnceLock<Tiles>,
+    /// How the surfaces of the samples lie, found when they are first drawn as large as they are.
+    slopes: OnceLock<Slopes>,
     octree: Mutex<Option<(Thresholds, Arc<Octree>)>>,
 }
 
@@ -45,7 +48,7 @@ impl PyLayered {
 
 impl From<Layered> for PyLayered {
     fn from(image: Layered) -> Self {
-        Self { image, tiles: OnceLock::new(), octree: Mutex::new(None) }
+        Self { image, tiles: OnceLock::new(), slopes: OnceLock::new(), octree: Mutex::new(None) }
     }
 }
 
@@ -172,6 +175,36 @@ impl PyLayered {
             warp(&self.image, tiles, &target, manner, background, picture, control)
         })?;
         Ok((fates.drawn, fates.hidden, fates.outside))
+    }
+
+    /// Warps to a camera, each sample as large as the piece of surface that it stands for.
+    #[pyo3(signature = (camera, out, background=None, keep=false, threads=None))]
+    fn warp_patches(
+        &self,
+        py: Python<'_>,
+        camera: CameraArrays<'_>,
+        mut out: PictureArrays<'_>,
+        background: Option<PyReadonlyArray3<'_, u8>>,
+        keep: bool,
+        threads: Option<i64>,
+    ) -> PyResult<()> {
+        let target = one(&camera)?;
+        let background = match &background {
+            _ if keep => Background::Kept,
+            Some(picture) => Background::Picture(row_major("background", picture)?.as_chunks().0),
+            None => Background::Black,
+        };
+        let picture = Out {
+            color: out.0.as_slice_mut()?.as_chunks_mut().0,
+            depth: out.1.as_slice_mut()?,
+            hole: out.2.as_slice_mut()?,
+            exact: out.3.as_slice_mut()?,
+            source: out.4.as_slice_mut()?,
+        };
+        interrupt::brief(py, threads, move |control: &Control| {
+            let slopes = self.slopes.get_or_init(|| Slopes::new(&self.image));
+            patches::warp(&self.image, slopes, &target, background, picture, control)
+        })
     }
 
     /// Warps to a camera as the LDI culling paper does; says of each sample what became of it: its node was not reached,

@@ -10,6 +10,7 @@ mod cracks;
 mod hidden;
 pub mod octree;
 pub mod paper;
+pub mod patches;
 pub mod place;
 mod tile_map;
 pub mod tiles;

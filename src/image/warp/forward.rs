@@ -119,7 +119,7 @@ pub(super) fn prepare<'a, S: Samples>(
 type DrawBand<'a> = &'a (dyn Fn(usize, Picture<'_>, Background<'_>) -> Result<(), Error> + Sync);
 
 /// Draws a picture band by band, of at least so many rows each if that is not more than threads have to share.
-pub(super) fn in_bands(
+pub(in crate::image) fn in_bands(
     target: &Camera,
     background: Background<'_>,
     picture: Picture<'_>,

@@ -1,0 +1,306 @@
+"""Frames composed of geometry and a backdrop (1998 dissertation, sections 1.4.1 and 4.4.3).
+
+Depth decides, pixel by pixel: what an image holds is what is not drawn as geometry, and both know how deep they are. A
+culled cell may lie nearer than geometry beside it, and then it is right that it hides it.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from ..camera import Camera
+from ..depth_image import DepthImage
+from ..geometry_warp import ImagePlane, bent_camera
+from ..ldi import LayeredDepthImage
+from ..placing import camera_through
+from ..render import BACKGROUND, View
+from ..scene import Scene
+from ..warp import Warped, forward
+from .painting import Coloring, Placement, frame_camera, picture
+
+__all__ = ["DISPLAYS", "Display", "DrawStats", "Drawn", "Pictures", "draw"]
+
+Bytes = npt.NDArray[np.uint8]
+Floats = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+#: The ways to display an image (section 1.4.1).
+Display = Literal["ldi", "warp", "mesh", "quad", "geometry"]
+DISPLAYS: tuple[Display, ...] = ("ldi", "warp", "mesh", "quad", "geometry")
+
+
+@dataclass(frozen=True)
+class DrawStats:
+    """What a frame took.
+
+    Attributes
+    ----------
+    image : int or None
+        Which image is behind the geometry.
+    faces : int
+        Drawn as geometry.
+    culled : int
+        In the image instead.
+    samples : int
+        Samples, or pixels, of the image.
+    placed, rendered, warped, composed : float
+        Milliseconds: the plan's answer, the geometry, the backdrop (with loading it, where it was not in memory), both
+        together.
+    """
+
+    image: int | None
+    faces: int
+    culled: int
+    samples: int
+    placed: float
+    rendered: float
+    warped: float
+    composed: float
+
+    @property
+    def total(self) -> float:
+        """Milliseconds of the whole frame."""
+        return self.placed + self.rendered + self.warped + self.composed
+
+
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """A composed frame.
+
+    Attributes
+    ----------
+    color : (H, W, 3) ndarray of uint8
+    depth : (H, W) ndarray of float32
+        Along the camera's axis; infinity where nothing is seen.
+    hole : (H, W) ndarray of bool
+        Pixels of which it is not known what they show: no sample of the backdrop came to lie there, and the ray goes
+        through the space that the backdrop stands for before it meets geometry.
+    backdrop : (H, W) ndarray of bool
+        Pixels that show the backdrop.
+    ids : (H, W) ndarray of uint32
+        The face of pixels that show geometry, `BACKGROUND` elsewhere.
+    camera : Camera
+    stats : DrawStats
+    """
+
+    color: Bytes
+    depth: npt.NDArray[np.float32]
+    hole: Mask
+    backdrop: Mask
+    ids: npt.NDArray[np.uint32]
+    camera: Camera
+    stats: DrawStats
+
+    def __repr__(self) -> str:
+        height, width = self.hole.shape
+        return (
+            f"<Drawn: {width} x {height}, {self.stats.faces:,} faces, {100 * self.backdrop.mean():.1f} % backdrop, "
+            f"{100 * self.hole.mean():.2f} % hole>"
+        )
+
+
+class Pictures:
+    """What displays need of a placement: its layered image, or one picture taken at its viewpoint.
+
+    Parameters
+    ----------
+    plan : Plan
+    scene : Scene
+    size : (int, int)
+        Of an image in pixels.
+    color : callable
+        Gives a view's colours.
+    layered : callable
+        Gives the layered image of an index.
+    """
+
+    def __init__(self, plan: Placement, scene: Scene, size: tuple[int, int], color: Coloring, layered: object) -> None:
+        self.plan, self.scene, self.size, self.color = plan, scene, size, color
+        self._layered = layered
+        self._central: tuple[int, DepthImage] | None = None
+        self._bounds: dict[int, Floats] = {}
+
+    def layered(self, index: int) -> LayeredDepthImage:
+        return self._layered(index)  # type: ignore[operator, no-any-return]
+
+    def central(self, index: int) -> DepthImage:
+        """What the viewpoint sees through the quadrilateral, rendered on the fly; the last one is kept (4.4.1)."""
+        if self._central is None or self._central[0] != index:
+            viewpoint = self.plan.viewpoints[self.plan.images.viewpoint[index]]
+            camera = camera_through(viewpoint, self.plan.images.corners[index], self.size)
+            self._central = index, picture(self.scene, camera, self.plan.culled(index), self.color)
+        return self._central[1]
+
+    def space(self, index: int) -> Floats:
+        """(P, 4) half-spaces ``n . x + d >= 0`` whose common part holds all that an image stands for."""
+        if index not in self._bounds:
+            viewpoint = self.plan.viewpoints[self.plan.images.viewpoint[index]]
+            plane = ImagePlane.of(self.plan.images.corners[index], viewpoint)
+            sides = np.column_stack([plane.sides(), -plane.sides() @ viewpoint])
+            front = np.append(plane.normal, -plane.normal @ plane.corners[0])
+            faces = self.plan.culled(index)
+            held = self.scene.vertices[self.scene.faces[faces]].reshape(-1, 3).astype(np.float64)
+            low, high = (held.min(axis=0), held.max(axis=0)) if len(held) else (viewpoint, viewpoint)
+            box = np.vstack([np.column_stack([np.eye(3), -low]), np.column_stack([-np.eye(3), high])])
+            self._bounds[index] = np.vstack([sides, front, box])
+        return self._bounds[index]
+
+
+def draw(
+    pictures: Pictures,
+    eye: npt.ArrayLike,
+    gaze: npt.ArrayLike,
+    size: tuple[int, int] = (510, 480),
+    *,
+    display: Display = "ldi",
+    splat: int = 5,
+    warp_size: tuple[int, int] | None = None,
+    threads: int | None = None,
+) -> Drawn:
+    """Draws a frame; see `Backdrops.draw`."""
+    if display not in DISPLAYS:
+        raise ValueError(f"display must be one of {DISPLAYS}, got {display!r}")
+    plan, scene = pictures.plan, pictures.scene
+    clock = [time.perf_counter()]
+    camera = frame_camera(plan, eye, gaze, size)
+    frame = plan.frame(eye, gaze)
+    index = None if frame.image is None else frame.image.index
+    clock.append(time.perf_counter())
+    bent = None
+    if display == "geometry" and index is not None:
+        view, bent = _bent(pictures, index, frame.faces, camera, threads)
+    else:
+        view = scene.render(camera, frame.faces, threads=threads)
+    color, depth = pictures.color(view), view.depth
+    clock.append(time.perf_counter())
+    hole, shown = np.zeros(depth.shape, np.bool_), np.zeros(depth.shape, np.bool_)
+    ids, samples, culled = view.ids, 0, 0
+    if index is None:
+        clock.append(clock[-1])
+    else:
+        small = camera if warp_size is None else camera.with_size(*warp_size)
+        behind, samples = _backdrop(pictures, index, small, display, splat, threads)
+        culled = len(plan.culled(index))
+        if warp_size is not None:
+            behind = _scaled(behind, camera)
+        clock.append(time.perf_counter())
+        shown = ~behind.hole & (behind.depth < depth)
+        color = np.where(shown[..., None], behind.color, color)
+        hole = behind.hole.copy()
+        if hole.any():
+            hole[hole] = _enters(pictures.space(index), camera, np.argwhere(hole), depth[hole])
+        ids = np.where(shown, BACKGROUND, ids)
+        depth = np.where(shown, behind.depth, depth)
+    clock.append(time.perf_counter())
+    stats = DrawStats(index, len(frame.faces), culled, samples, *(1e3 * np.diff(clock)).tolist())
+    return Drawn(color, depth, hole, shown, ids, camera, stats)
+
+
+def _backdrop(
+    pictures: Pictures, index: int, camera: Camera, display: Display, splat: int, threads: int | None
+) -> tuple[Warped, int]:
+    """What a camera sees of an image, and how many samples that is."""
+    if display == "ldi":
+        layered = pictures.layered(index)
+        return layered.warp(camera, splat=splat, threads=threads), layered.samples
+    central = pictures.central(index)
+    if display == "warp":
+        return forward(central, camera, splat=splat, threads=threads), central.missing.size
+    if display == "mesh":
+        return forward(central, camera, splat="mesh", threads=threads), central.missing.size
+    plane = ImagePlane.of(pictures.plan.images.corners[index], central.camera.eye)
+    return _flat(central, plane, camera, display == "quad"), central.missing.size
+
+
+def _flat(image: DepthImage, plane: ImagePlane, camera: Camera, opaque: bool) -> Warped:
+    """An image on its quadrilateral: as deep as that, or as the bent points that it shows."""
+    out = Warped.empty(camera)
+    bent, scale = bent_camera(plane, camera)
+    # Two cameras at one eye: pixels are mapped by their rays alone.
+    to_image = (
+        image.camera.K @ image.camera.world_to_camera[:3, :3] @ np.linalg.inv(bent.K @ bent.world_to_camera[:3, :3])
+    )
+    y, x = np.mgrid[0 : camera.height, 0 : camera.width] + 0.5
+    u, v, w = np.tensordot(to_image, np.stack([x, y, np.ones_like(x)]), 1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        u, v = u / w, v / w
+        there = (w > 0) & (u >= 0) & (u < image.camera.width) & (v >= 0) & (v < image.camera.height)
+    u, v = u[there], v[there]
+    row, column = v.astype(np.int64), u.astype(np.int64)
+    out.color[there] = _between(image.color, u, v)
+    if opaque:
+        normal = camera.world_to_camera[:3, :3] @ plane.normal
+        offset = plane.corners[0] @ plane.normal - plane.normal @ camera.eye
+        rays = np.linalg.inv(camera.K) @ np.stack([x[there], y[there], np.ones(len(u))])
+        deep = offset / (normal @ rays)
+        # The picture of nothing is transparent.
+        out.depth[there] = np.where(image.disparity[row, column] > 0, deep, np.inf)
+    else:
+        with np.errstate(divide="ignore"):
+            along = 1.0 / image.disparity[row, column].astype(np.float64)
+        rays = np.linalg.inv(image.camera.K) @ np.stack([u, v, np.ones(len(u))])
+        turn = bent.world_to_camera[:3, :3] @ image.camera.world_to_camera[:3, :3].T
+        out.depth[there] = scale * along * (turn[2] @ rays)
+    out.hole[there] = False
+    out.exact[there] = True
+    out.source[there] = 0
+    return out
+
+
+def _between(color: Bytes, u: Floats, v: Floats) -> Bytes:
+    """Bilinear samples of a picture at pixel coordinates."""
+    height, width = color.shape[:2]
+    x, y = np.clip(u - 0.5, 0, width - 1), np.clip(v - 0.5, 0, height - 1)
+    left, top = x.astype(np.int64), y.astype(np.int64)
+    right, bottom = np.minimum(left + 1, width - 1), np.minimum(top + 1, height - 1)
+    s, t = (x - left)[:, None], (y - top)[:, None]
+    upper = color[top, left] * (1 - s) + color[top, right] * s
+    lower = color[bottom, left] * (1 - s) + color[bottom, right] * s
+    return np.asarray(np.rint(upper * (1 - t) + lower * t).astype(np.uint8))
+
+
+def _bent(
+    pictures: Pictures, index: int, faces: npt.NDArray[np.uint32], camera: Camera, threads: int | None
+) -> tuple[View, ImagePlane]:
+    """Geometry, what is beyond the image's plane bent to the image (section 5.1.1)."""
+    scene = pictures.scene
+    viewpoint = pictures.plan.viewpoints[pictures.plan.images.viewpoint[index]]
+    plane = ImagePlane.of(pictures.plan.images.corners[index], viewpoint)
+    # A face through the plane stays where it is: it touches both sides.
+    beyond = plane.behind(scene.vertices)[scene.faces[faces]].min(axis=1) >= 0
+    view = scene.render(camera, faces[~beyond], threads=threads)
+    bent, scale = bent_camera(plane, camera)
+    far = scene.render(bent, faces[beyond], threads=threads)
+    deep = far.depth * np.float32(scale)
+    nearer = deep < view.depth
+    view.ids[nearer], view.depth[nearer] = far.ids[nearer], deep[nearer]
+    return view, plane
+
+
+def _scaled(warped: Warped, camera: Camera) -> Warped:
+    """A picture at another size: each pixel that of the small one which holds its centre, and its depth."""
+    rows = ((np.arange(camera.height) + 0.5) * warped.hole.shape[0] / camera.height).astype(np.int64)
+    columns = ((np.arange(camera.width) + 0.5) * warped.hole.shape[1] / camera.width).astype(np.int64)
+    at = np.ix_(rows, columns)
+    return Warped(warped.color[at], warped.depth[at], warped.hole[at], warped.exact[at], warped.source[at], camera)
+
+
+def _enters(space: Floats, camera: Camera, pixels: npt.NDArray[np.int64], depth: npt.NDArray[np.float32]) -> Mask:
+    """Whether the rays of (row, column) pixels come into a convex space before some depth."""
+    # Along a ray, depth t is at eye + t ray.
+    back = camera.camera_to_world[:3, :3] @ np.linalg.inv(camera.K)
+    places = np.column_stack([pixels[:, 1] + 0.5, pixels[:, 0] + 0.5, np.ones(len(pixels))])
+    slope = places @ (space[:, :3] @ back).T
+    start = space[:, :3] @ camera.eye + space[:, 3]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        cross = -start / slope
+    enter = np.where(slope > 0, cross, -np.inf).max(axis=1)
+    leave = np.where(slope < 0, cross, np.inf).min(axis=1)
+    outside = ((slope == 0) & (start < 0)).any(axis=1)
+    enter = np.maximum(enter, 0.0)
+    return np.asarray((enter <= leave) & ~outside & (enter < depth))
