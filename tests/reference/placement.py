@@ -21,7 +21,7 @@ class Images:
 
 
 class FewImages:
-    """Images that look along -z from some viewpoints, each with the faces wholly in its pyramid and beyond its plane."""
+    """Images that look along -z from viewpoints, each with the faces wholly in its pyramid and beyond its plane."""
 
     def __init__(self, scene: cyc.Scene, viewpoints, distance: float, fov_x=60.0, aspect=4 / 3, wide=66.0) -> None:
         self.scene, self.viewpoints = scene, np.array(viewpoints, np.float64)

@@ -1,7 +1,7 @@
 """The painted backdrops of a plan: layered images in a folder, and frames drawn with them.
 
-The dissertation's section 4.4: images are painted beforehand, in parallel, or when they are first needed; those near the
-eye are loaded before they are.
+The dissertation's section 4.4: images are painted beforehand, in parallel, or when they are first needed; those near
+the eye are loaded before they are.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from ..fingerprint import fingerprint
 from ..ldi import LayeredDepthImage
 from ..progress import Progress, reporter
 from ..scene import Scene
-from .drawing import Display, Drawn, Pictures, draw
-from .painting import Coloring, Lit, Placement, Where, paint_image, uses
+from .drawing import Display, Drawn, Pictures, Splat, draw
+from .painting import Coloring, Lit, Placement, Uses, Where, paint_image, uses
 from .store import Store
 
 __all__ = ["Backdrops", "plan_fingerprint"]
@@ -84,9 +84,14 @@ class Backdrops:
         if len(size) != 2 or not all(isinstance(side, (int, np.integer)) and 1 <= side <= 1 << 15 for side in size):
             raise ValueError(f"size must be two numbers of pixels, got {size!r}")
         self.plan, self.scene = plan, scene
-        self._options: dict[str, Any] = {"size": tuple(size), "construction": int(construction), "where": where}
+        width, height = size
+        self._options: dict[str, Any] = {
+            "size": (int(width), int(height)),
+            "construction": int(construction),
+            "where": where,
+        }
         self.color = color or Lit(scene, plan.up)
-        self._uses = None
+        self._uses: Uses | None = None
         identity = {
             "scene": fingerprint(scene),
             "plan": plan_fingerprint(plan),
@@ -95,7 +100,7 @@ class Backdrops:
         }
         count = len(plan.images)
         self.store = Store(folder, count, identity, memory=memory, make=self.make if on_demand else None)
-        self.pictures = Pictures(plan, scene, tuple(size), self.color, self.store.get)
+        self.pictures = Pictures(plan, scene, (int(width), int(height)), self.color, self.store.get)
 
     def make(self, index: int, threads: int | None = None) -> LayeredDepthImage:
         """Paints one image, and keeps it nowhere."""
@@ -103,7 +108,7 @@ class Backdrops:
             self.plan, self.scene, index, self._used(), color=self.color, threads=threads, **self._options
         )
 
-    def _used(self) -> Any:
+    def _used(self) -> Uses:
         if self._uses is None:
             self._uses = uses(self.plan, _FRAMES_FOR_ONE * len(self.plan.images))
         return self._uses
@@ -161,7 +166,7 @@ class Backdrops:
         size: tuple[int, int] = (510, 480),
         *,
         display: Display = "ldi",
-        splat: int = 5,
+        splat: Splat | None = None,
         warp_size: tuple[int, int] | None = None,
         prefetch: bool = True,
         threads: int | None = None,
@@ -179,8 +184,9 @@ class Backdrops:
             taken at the viewpoint; "mesh" the same as a depth mesh; "quad" the same as a flat, opaque quadrilateral;
             "geometry" the quadrilateral, with the geometry beyond its plane bent to it (chapter 5). All but the first
             render their one image when it is first needed.
-        splat : int
-            Side of a splat in pixels, odd, for "ldi" and "warp".
+        splat : int or "projected", optional
+            What a sample covers, for "ldi" and "warp": a square of so many pixels a side, odd, or a rectangle as large as
+            it appears. By default that for "ldi" and 3 x 3 for "warp", as the dissertation has it.
         warp_size : (int, int), optional
             Warp a smaller picture and scale it up (section 4.4.3); `size` by default.
         prefetch : bool

@@ -23,11 +23,14 @@ from ..scene import Scene
 from ..warp import Warped, forward
 from .painting import Coloring, Placement, frame_camera, picture
 
-__all__ = ["DISPLAYS", "Display", "DrawStats", "Drawn", "Pictures", "draw"]
+__all__ = ["DISPLAYS", "Display", "DrawStats", "Drawn", "Pictures", "Splat", "draw"]
 
 Bytes = npt.NDArray[np.uint8]
 Floats = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
+
+#: What a sample covers, for the displays that have splats.
+Splat = int | Literal["projected"]
 
 #: The ways to display an image (section 1.4.1).
 Display = Literal["ldi", "warp", "mesh", "quad", "geometry"]
@@ -158,7 +161,7 @@ def draw(
     size: tuple[int, int] = (510, 480),
     *,
     display: Display = "ldi",
-    splat: int = 5,
+    splat: Splat | None = None,
     warp_size: tuple[int, int] | None = None,
     threads: int | None = None,
 ) -> Drawn:
@@ -171,9 +174,8 @@ def draw(
     frame = plan.frame(eye, gaze)
     index = None if frame.image is None else frame.image.index
     clock.append(time.perf_counter())
-    bent = None
     if display == "geometry" and index is not None:
-        view, bent = _bent(pictures, index, frame.faces, camera, threads)
+        view = _bent(pictures, index, frame.faces, camera, threads)
     else:
         view = scene.render(camera, frame.faces, threads=threads)
     color, depth = pictures.color(view), view.depth
@@ -202,15 +204,15 @@ def draw(
 
 
 def _backdrop(
-    pictures: Pictures, index: int, camera: Camera, display: Display, splat: int, threads: int | None
+    pictures: Pictures, index: int, camera: Camera, display: Display, splat: Splat | None, threads: int | None
 ) -> tuple[Warped, int]:
     """What a camera sees of an image, and how many samples that is."""
     if display == "ldi":
         layered = pictures.layered(index)
-        return layered.warp(camera, splat=splat, threads=threads), layered.samples
+        return layered.warp(camera, splat=splat or "projected", threads=threads), layered.samples
     central = pictures.central(index)
     if display == "warp":
-        return forward(central, camera, splat=splat, threads=threads), central.missing.size
+        return forward(central, camera, splat=splat or 3, threads=threads), central.missing.size
     if display == "mesh":
         return forward(central, camera, splat="mesh", threads=threads), central.missing.size
     plane = ImagePlane.of(pictures.plan.images.corners[index], central.camera.eye)
@@ -264,9 +266,7 @@ def _between(color: Bytes, u: Floats, v: Floats) -> Bytes:
     return np.asarray(np.rint(upper * (1 - t) + lower * t).astype(np.uint8))
 
 
-def _bent(
-    pictures: Pictures, index: int, faces: npt.NDArray[np.uint32], camera: Camera, threads: int | None
-) -> tuple[View, ImagePlane]:
+def _bent(pictures: Pictures, index: int, faces: npt.NDArray[np.uint32], camera: Camera, threads: int | None) -> View:
     """Geometry, what is beyond the image's plane bent to the image (section 5.1.1)."""
     scene = pictures.scene
     viewpoint = pictures.plan.viewpoints[pictures.plan.images.viewpoint[index]]
@@ -279,7 +279,7 @@ def _bent(
     deep = far.depth * np.float32(scale)
     nearer = deep < view.depth
     view.ids[nearer], view.depth[nearer] = far.ids[nearer], deep[nearer]
-    return view, plane
+    return view
 
 
 def _scaled(warped: Warped, camera: Camera) -> Warped:

@@ -1,12 +1,12 @@
 """Layered images for the placements of a plan (1998 dissertation, sections 4.3.2 and 4.4.2).
 
-The image of a placement holds what the placement culls, and nothing else: whatever a frame draws as geometry is in front of
-it, behind it or beside it by its depth. Rays that meet none of it are samples too, infinitely far away: so a pixel
+The image of a placement holds what the placement culls, and nothing else: whatever a frame draws as geometry is in front
+of it, behind it or beside it by its depth. Rays that meet none of it are samples too, infinitely far away: so a pixel
 without a sample is one of which nothing is known, and not the sky.
 
-The dissertation takes its construction images around the viewpoint, within the star-shape. An eye that gets an image may
-be far from its viewpoint, close to the image's plane. So they are taken here where the image is really used: the plan is
-asked for frames all over its domain, and the eyes that get an image are grouped.
+The dissertation takes its construction images around the viewpoint, within the star-shape. An eye that gets an image
+may be far from its viewpoint, close to the image's plane. So they are taken here where the image is really used: the
+plan is asked for frames all over its domain, and the eyes that get an image are grouped.
 """
 
 from __future__ import annotations
@@ -37,8 +37,18 @@ Coloring = Callable[[View], Bytes]
 #: Where construction images are taken: where an image is used, or as the dissertation has it.
 Where = Literal["use", "paper"]
 
-# Steepest ray of a construction image to its axis: beyond it pixels are more than three times as dense as in the middle.
+# Steepest ray of a construction image to its axis: beyond it pixels are more than three times as dense as in the
+# middle.
 _STEEPEST = 2.0
+
+# Where a layered image's own camera stands: at the viewpoint (0) what is just behind the plane is taken from far away, amid
+# the eyes (1) its view is wide and its pixels are large. Measured in a cathedral and in a tangle of pipes at 0, 0.5 and
+# 1: 25.0, 25.5, 24.2 dB and 18.6, 18.9, 18.5 dB.
+_HALFWAY = 0.5
+
+# Share of the samples that may lie beyond each border of a layered image: a few at the very edge would make its pixels
+# large for all.
+_OUTSIDE = 0.0005
 
 # Rounds in which eyes find the middle nearest to them: later ones move the middles by less than a tenth of their
 # distance (measured on a thousand eyes and 16 middles).
@@ -349,13 +359,33 @@ def paint_image(
     viewpoint = plan.viewpoints[plan.images.viewpoint[index]]
     corners = plan.images.corners[index]
     faces = plan.culled(index)
-    central = camera_through(viewpoint, corners, size)
     eyes, gazes = found.of(index)
     if where == "use" and len(eyes):
         cameras = views_of_use(plan, index, eyes, gazes, construction, size)
+        images = [picture(scene, camera, faces, color, threads=threads) for camera in cameras]
+        central = _between(images, viewpoint, eyes, corners, size)
     else:
         distance = float(np.linalg.norm(corners.mean(axis=0) - viewpoint))
         reach = float(np.linalg.norm(eyes - viewpoint, axis=1).max()) if len(eyes) else distance
-        cameras = construction_cameras(viewpoint, corners, min(reach, distance), size)[1:]
-    images = [picture(scene, camera, faces, color, threads=threads) for camera in (central, *cameras)]
-    return LayeredDepthImage.build(images[0], images[1:], threads=threads)
+        central, *cameras = construction_cameras(viewpoint, corners, min(reach, distance), size)
+        images = [picture(scene, camera, faces, color, threads=threads) for camera in cameras]
+    return LayeredDepthImage.build(picture(scene, central, faces, color, threads=threads), images, threads=threads)
+
+
+def _between(
+    images: list[DepthImage], viewpoint: Floats, eyes: Floats, corners: Floats, size: tuple[int, int]
+) -> Camera:
+    """A camera halfway from the viewpoint to the eyes that use it, which holds what the construction images saw."""
+    turn = images[0].camera.world_to_camera[:3, :3]
+    middle = (1 - _HALFWAY) * viewpoint + _HALFWAY * eyes.mean(axis=0)
+    found = [(image.points()[image.disparity > 0] - middle) @ turn.T for image in images]
+    points = np.concatenate([(corners - middle) @ turn.T, *found])
+    points = points[points[:, 2] > 0]
+    slopes = points[:, :2] / points[:, 2:]
+    low, high = np.quantile(slopes[4:] if len(slopes) > 4 else slopes, [_OUTSIDE, 1 - _OUTSIDE], axis=0)
+    focal = np.array(size) / np.maximum(high - low, 1e-6)
+    K = np.diag([*focal, 1.0])
+    K[:2, 2] = -low * focal
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = turn, -turn @ middle
+    return Camera(K, pose, *size)

@@ -2,12 +2,12 @@
 
 The dissertation asks three things of a display: that pictures don't jump as the eye moves (temporal continuity), that
 geometry and image meet without a step (geometric continuity), and that nobody sees an image take the place of another
-(smooth transitions). It compares its displays by words; here they are numbers, in grey levels of 255 and each as what the
-true pictures don't do:
+(smooth transitions). It compares its displays by words; here they are numbers, in grey levels of 255 and each as what
+the true pictures don't do:
 
-*popping* is the root mean square of how much the error of the pixels that show the image changes from one frame to the next;
-the *jump* is the same for frames at which the image changes; the *step* is the mean over neighbouring pixels, one of
-geometry and one of the backdrop, of how much their difference differs from the true one.
+*popping* is the root mean square of how much the error of the pixels that show the image changes from one frame to the
+next; the *jump* is the same for frames at which the image changes; the *step* is the mean over neighbouring pixels, one
+of geometry and one of the backdrop, of how much their difference differs from the true one.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from ..lab import Row
 from ..progress import Progress, reporter
 from ..render import BACKGROUND
 from .backdrops import Backdrops
-from .drawing import DISPLAYS, Display, Drawn
+from .drawing import DISPLAYS, Display, Drawn, Splat
 from .painting import frame_camera
 
 __all__ = ["path", "walk"]
@@ -90,7 +90,7 @@ def walk(
     *,
     displays: Sequence[Display] = DISPLAYS,
     size: tuple[int, int] = (510, 480),
-    splat: int = 5,
+    splat: Splat | None = None,
     progress: Progress = None,
 ) -> list[Row]:
     """Draws the frames of a walk in several ways, and compares them with the true pictures.
@@ -104,7 +104,7 @@ def walk(
         As for `Backdrops.draw`.
     size : (int, int)
         Of the pictures in pixels.
-    splat : int
+    splat : int or str, optional
         As for `Backdrops.draw`.
     progress : bool or callable, optional
         One unit is a frame.

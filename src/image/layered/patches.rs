@@ -28,9 +28,10 @@ const APART: f32 = 0.5;
 /// Half a piece's side in the target is at most this many pixels: one that is nearly at the eye would cover everything.
 const MOST_HALF: f64 = 16.0;
 
-/// Added to half a side, so that rounding opens no cracks between pieces that just touch: a thousand times the
-/// rounding of a position in an image of a thousand pixels.
-const SLACK: f32 = 0.01;
+/// Pieces are so many times as large as what they stand for, and so many pixels: samples that come from several images do
+/// not lie evenly. More hides no more than pixels that no centre falls on.
+const GROWTH: f64 = 1.25;
+const MORE: f32 = 0.25;
 
 /// Something is clearly nearer if its disparity is this many times as large.
 const NEARER: f32 = 1.05;
@@ -133,8 +134,10 @@ pub fn warp(
     }
     let mapping = Mapping::new(&layered.camera, target)?;
     let size = [width as f32, height as f32];
-    let rows: Vec<Row> =
-        (0..layered.camera.height).into_par_iter().map(|y| project(layered, slopes, &mapping, y, size)).collect();
+    let rows: Vec<Row> = (0..layered.camera.height)
+        .into_par_iter()
+        .map(|y| project(layered, slopes, &mapping, y, size))
+        .collect();
     in_bands(target, background, picture, LEAST_ROWS, &|top, mut picture, background| {
         control.step(1)?;
         let count = picture.depth.len() / width;
@@ -154,8 +157,7 @@ pub fn warp(
 fn project(layered: &Layered, slopes: &Slopes, mapping: &Mapping, y: usize, size: [f32; 2]) -> Row {
     let width = layered.camera.width;
     let whole = samples(layered, y * width).start..samples(layered, (y + 1) * width - 1).end;
-    let mut row =
-        Row { pieces: Vec::with_capacity(whole.len()), reach: [f32::INFINITY, f32::NEG_INFINITY] };
+    let mut row = Row { pieces: Vec::with_capacity(whole.len()), reach: [f32::INFINITY, f32::NEG_INFINITY] };
     for x in 0..width {
         for sample in samples(layered, y * width + x) {
             let color = layered.colors[sample];
@@ -170,11 +172,10 @@ fn project(layered: &Layered, slopes: &Slopes, mapping: &Mapping, y: usize, size
                 half[0] += 0.5 * ((step.x - u * step.z) * inverse).abs();
                 half[1] += 0.5 * ((step.y - v * step.z) * inverse).abs();
             }
-            let half = half.map(|half| half.min(MOST_HALF) as f32 + SLACK);
+            let half = half.map(|half| (GROWTH * half).min(MOST_HALF) as f32 + MORE);
             let middle = [u as f32, v as f32];
-            let beside = |axis: usize| {
-                middle[axis] + half[axis] < 0.0 || middle[axis] - half[axis] > size[axis]
-            };
+            let beside =
+                |axis: usize| middle[axis] + half[axis] < 0.0 || middle[axis] - half[axis] > size[axis];
             if beside(0) || beside(1) {
                 continue;
             }
