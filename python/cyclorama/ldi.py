@@ -522,6 +522,7 @@ class LayeredDepthImage:
         camera : Camera
             A pinhole camera, W x H pixels: anywhere, looking anywhere.
         splat : int or "projected"
+<<<<<<< HEAD
             As for `cyclorama.warp.forward`: "projected" is a rectangle as large as the piece of surface appears that a
             sample stands for. That takes several times as long as squares; seen from much nearer than it was taken, an
             image has no cracks then through which what is behind shines. Besides, where it is more than 1, a pixel whose neighbours left and right
@@ -531,6 +532,16 @@ class LayeredDepthImage:
             Samples are drawn in occlusion-compatible order either way, bands of the picture in parallel. "zbuffer" also
             compares depths, which decides where two samples share a pixel though their lines through the epipole
             differ.
+=======
+            A number as for `cyclorama.warp.forward`. Besides, where it is more than 1, a pixel whose neighbours left
+            and right of it, or above and below, are both nearer by more than 3 % is a crack through which something
+            behind shines; it is filled from around like one that nothing fell on.
+            "projected": a rectangle somewhat larger than the piece of surface appears that a sample stands for, which
+            takes several times as long. Seen from much nearer than it was taken, an image then has no wide cracks.
+        order : {"zbuffer", "occlusion"}
+            Samples are drawn in occlusion-compatible order either way. "zbuffer" also compares depths, which decides
+            where two samples share a pixel though their lines through the epipole differ.
+>>>>>>> e5aa8e8 (wip3)
         cull : {False, "exact", "paper"}
             "exact" leaves out samples that are hidden: no pixel of the picture changes, whichever the order.
             "paper" goes front to back through an octree with an occlusion buffer, as the LDI culling paper has it
