@@ -185,8 +185,8 @@ class Backdrops:
             "geometry" the quadrilateral, with the geometry beyond its plane bent to it (chapter 5). All but the first
             render their one image when it is first needed.
         splat : int or "projected", optional
-            What a sample covers, for "ldi" and "warp": a square of so many pixels a side, odd, or a rectangle as large as
-            it appears. By default that for "ldi" and 3 x 3 for "warp", as the dissertation has it.
+            What a sample covers, for "ldi" and "warp": a square of so many pixels a side, odd, or a rectangle as large
+            as it appears. By default that for "ldi" and 3 x 3 for "warp", as the dissertation has it.
         warp_size : (int, int), optional
             Warp a smaller picture and scale it up (section 4.4.3); `size` by default.
         prefetch : bool

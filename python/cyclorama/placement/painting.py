@@ -1,8 +1,8 @@
 """Layered images for the placements of a plan (1998 dissertation, sections 4.3.2 and 4.4.2).
 
-The image of a placement holds what the placement culls, and nothing else: whatever a frame draws as geometry is in front
-of it, behind it or beside it by its depth. Rays that meet none of it are samples too, infinitely far away: so a pixel
-without a sample is one of which nothing is known, and not the sky.
+The image of a placement holds what the placement culls, and nothing else: whatever a frame draws as geometry is in
+front of it, behind it or beside it by its depth. Rays that meet none of it are samples too, infinitely far away: so a
+pixel without a sample is one of which nothing is known, and not the sky.
 
 The dissertation takes its construction images around the viewpoint, within the star-shape. An eye that gets an image
 may be far from its viewpoint, close to the image's plane. So they are taken here where the image is really used: the
@@ -41,9 +41,9 @@ Where = Literal["use", "paper"]
 # middle.
 _STEEPEST = 2.0
 
-# Where a layered image's own camera stands: at the viewpoint (0) what is just behind the plane is taken from far away, amid
-# the eyes (1) its view is wide and its pixels are large. Measured in a cathedral and in a tangle of pipes at 0, 0.5 and
-# 1: 25.0, 25.5, 24.2 dB and 18.6, 18.9, 18.5 dB.
+# Where a layered image's own camera stands: at the viewpoint (0) what is just behind the plane is taken from far away,
+# amid the eyes (1) its view is wide and its pixels are large. Measured in a cathedral and in a tangle of pipes at 0,
+# 0.5 and 1: 25.0, 25.5, 24.2 dB and 18.6, 18.9, 18.5 dB.
 _HALFWAY = 0.5
 
 # Share of the samples that may lie beyond each border of a layered image: a few at the very edge would make its pixels
@@ -361,7 +361,9 @@ def paint_image(
     faces = plan.culled(index)
     eyes, gazes = found.of(index)
     if where == "use" and len(eyes):
-        cameras = views_of_use(plan, index, eyes, gazes, construction, size)
+        # An eye may stand at the viewpoint itself, though few do.
+        views = views_of_use(plan, index, eyes, gazes, construction, size)
+        cameras = [camera_through(viewpoint, corners, size), *views]
         images = [picture(scene, camera, faces, color, threads=threads) for camera in cameras]
         central = _between(images, viewpoint, eyes, corners, size)
     else:
