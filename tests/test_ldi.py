@@ -475,7 +475,7 @@ def test_bad_arguments_are_refused():
         (lambda: layered.warp(image.camera, cull="all"), "cull must be"),
         (lambda: layered.warp(image.camera, order="random"), "order must be"),
         (lambda: layered.warp(image.camera, "mesh"), "neighbours"),
-        (lambda: layered.warp(image.camera, "projected", cull="paper"), "neighbours"),
+        (lambda: layered.warp(image.camera, "projected", cull="paper"), "needs cull=False"),
         (lambda: layered.warp(image.camera, threads=0), "threads"),
         (lambda: layered.warp(image.camera, thresholds=(0, 1), cull="paper"), "thresholds"),
         (lambda: layered.warp(image.camera, out=layered.warp(camera_at(width=3))), "out has shape"),

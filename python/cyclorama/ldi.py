@@ -508,7 +508,7 @@ class LayeredDepthImage:
         camera: Camera,
         splat: int | Literal["disparity", "projected"] = 3,
         *,
-        order: Order = "occlusion",
+        order: Order | None = None,
         cull: Cull = False,
         thresholds: tuple[int, int] = (64, 4),
         background: Warped | npt.NDArray[np.uint8] | None = None,
@@ -522,26 +522,15 @@ class LayeredDepthImage:
         camera : Camera
             A pinhole camera, W x H pixels: anywhere, looking anywhere.
         splat : int or "projected"
-<<<<<<< HEAD
-            As for `cyclorama.warp.forward`: "projected" is a rectangle as large as the piece of surface appears that a
-            sample stands for. That takes several times as long as squares; seen from much nearer than it was taken, an
-            image has no cracks then through which what is behind shines. Besides, where it is more than 1, a pixel whose neighbours left and right
-            of it, or above and below, are both nearer by more than 3 % is a crack through which something behind
-            shines; it is filled from around like one that nothing fell on.
-        order : {"occlusion", "zbuffer"}
-            Samples are drawn in occlusion-compatible order either way, bands of the picture in parallel. "zbuffer" also
-            compares depths, which decides where two samples share a pixel though their lines through the epipole
-            differ.
-=======
             A number as for `cyclorama.warp.forward`. Besides, where it is more than 1, a pixel whose neighbours left
             and right of it, or above and below, are both nearer by more than 3 % is a crack through which something
             behind shines; it is filled from around like one that nothing fell on.
             "projected": a rectangle somewhat larger than the piece of surface appears that a sample stands for, which
             takes several times as long. Seen from much nearer than it was taken, an image then has no wide cracks.
-        order : {"zbuffer", "occlusion"}
-            Samples are drawn in occlusion-compatible order either way. "zbuffer" also compares depths, which decides
-            where two samples share a pixel though their lines through the epipole differ.
->>>>>>> e5aa8e8 (wip3)
+        order : {"occlusion", "zbuffer"}, optional
+            Samples are drawn in occlusion-compatible order either way, bands of the picture in parallel. "zbuffer" also
+            compares depths, which decides where two samples share a pixel though their lines through the epipole
+            differ. By default "occlusion", except for "projected", which needs a depth buffer.
         cull : {False, "exact", "paper"}
             "exact" leaves out samples that are hidden: no pixel of the picture changes, whichever the order.
             "paper" goes front to back through an octree with an occlusion buffer, as the LDI culling paper has it
@@ -577,6 +566,8 @@ class LayeredDepthImage:
         <LayeredWarped: 64 x 48, 20.3 % hole, 3,072 of 3,072 samples drawn>
         """
         _check_camera(camera)
+        if order is None:
+            order = "zbuffer" if splat == "projected" else "occlusion"
         if splat == "projected" and (cull or order != "zbuffer"):
             raise ValueError(f"splat='projected' needs cull=False and order='zbuffer', got {cull!r} and {order!r}")
         size = 1 if splat == "projected" else _size(splat, cull == "paper")
@@ -769,15 +760,17 @@ def _errors(image: LayeredDepthImage, judges: Sequence[DepthImage], threads: int
     return max(errors), float(np.mean(errors))
 
 
-def _size(splat: int | Literal["disparity"], as_paper: bool) -> int:
+def _size(splat: int | str, as_paper: bool) -> int:
     """A splat's side, 0 if it follows the disparity."""
-    if splat in ("mesh", "projected"):
+    if splat == "mesh":
         raise ValueError(
-            f"splat={splat!r} asks each sample for its neighbours, which those of a layered image don't have: give a "
-            "number of pixels, or warp its layers, `[image.layer(k), ..., image.layer(0)]`, by `warp.forward`"
+            "splat='mesh' asks each sample for its neighbours, which those of a layered image don't have: give a "
+            "number of pixels or 'projected', or warp its layers, `[image.layer(k), ..., image.layer(0)]`, by `warp.forward`"
         )
-    if splat != "disparity":
+    if not isinstance(splat, str):
         return _splat_size(splat)
+    if splat != "disparity":
+        raise ValueError(f"splat must be an odd number of pixels, 'projected' or 'disparity', got {splat!r}")
     if not as_paper:
         raise ValueError("splat='disparity' of a layered image is for cull='paper' only: give a number of pixels")
     return 0
