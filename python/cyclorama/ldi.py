@@ -765,7 +765,8 @@ def _size(splat: int | str, as_paper: bool) -> int:
     if splat == "mesh":
         raise ValueError(
             "splat='mesh' asks each sample for its neighbours, which those of a layered image don't have: give a "
-            "number of pixels or 'projected', or warp its layers, `[image.layer(k), ..., image.layer(0)]`, by `warp.forward`"
+            "number of pixels or 'projected', or warp its layers, `[image.layer(k), ..., image.layer(0)]`, by "
+            "`warp.forward`"
         )
     if not isinstance(splat, str):
         return _splat_size(splat)
