@@ -49,6 +49,19 @@ impl Frustum {
         self.normals.iter().all(|n| n.dot(point - self.eye) >= 0.0)
     }
 
+    /// Whether a box lies wholly behind a window at a depth: left, right, bottom and top at depth 1.
+    pub fn covers(&self, bounds: &Bounds, window: &[f64; 4], depth: f64) -> bool {
+        let [left, right, bottom, top] = *window;
+        let sides = [
+            self.right - self.forward * left,
+            self.forward * right - self.right,
+            self.up - self.forward * bottom,
+            self.forward * top - self.up,
+        ];
+        self.forward.dot(bounds.farthest(-self.forward) - self.eye) >= depth
+            && sides.iter().all(|&n| n.dot(bounds.farthest(-n) - self.eye) >= 0.0)
+    }
+
     /// Whether a box lies in the pyramid with all its points.
     pub fn contains_box(&self, bounds: &Bounds) -> bool {
         self.normals.iter().all(|&n| n.dot(bounds.farthest(-n) - self.eye) >= 0.0)

@@ -2,4 +2,9 @@
 //! (Aliaga's dissertation of 1998, chapter 3).
 
 pub mod cells;
+pub mod directions;
 pub mod frustum;
+pub mod grid;
+pub mod optimise;
+pub mod paper;
+pub mod star;
