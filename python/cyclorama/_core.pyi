@@ -241,3 +241,64 @@ def warp_forward(
     threads: int | None = None,
 ) -> None: ...
 def warp_map(cameras: CameraArrays, disparity: npt.NDArray[np.float64], out: npt.NDArray[np.float64]) -> None: ...
+
+CellArrays = tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.uint32]]
+Vector = tuple[float, float, float]
+
+def placement_cells(
+    mesh: Mesh, leaf_depth: int
+) -> tuple[
+    npt.NDArray[np.float64],
+    npt.NDArray[np.float64],
+    npt.NDArray[np.uint32],
+    npt.NDArray[np.uint32],
+    npt.NDArray[np.uint32],
+]: ...
+def placement_directions(
+    cell_arrays: CellArrays, viewpoint: Vector, up: Vector, tangents: tuple[float, float], threads: int | None
+) -> tuple[
+    npt.NDArray[np.float64],
+    npt.NDArray[np.uint64],
+    npt.NDArray[np.uint32],
+    npt.NDArray[np.uint32],
+    npt.NDArray[np.bool_],
+    npt.NDArray[np.bool_],
+]: ...
+def placement_optimise(
+    cell_arrays: CellArrays,
+    viewpoint: Vector,
+    forward: Vector,
+    up: Vector,
+    tangents: tuple[float, float],
+    target: int,
+    nearest: float,
+    axis: float,
+    constants: list[float],
+    search: tuple[str, int, str, int, int, float],
+) -> dict[str, Any] | None: ...
+def placement_star(
+    others: npt.NDArray[np.float64],
+    tangents: tuple[float, float],
+    up: Vector,
+    yaws: tuple[float, float] | None,
+    domain: tuple[Vector, Vector] | None,
+    tolerance: float,
+    most: int,
+) -> tuple[float, float, Vector, Vector, int]: ...
+def placement_lattice(odd: bool, place: tuple[int, int, int], reach: float) -> npt.NDArray[np.float64]: ...
+def placement_paper(
+    cell_arrays: CellArrays,
+    domain: tuple[Vector, Vector],
+    up: Vector,
+    tangents: tuple[float, float],
+    budget: int,
+    target: int,
+    resolution: list[int],
+    constants: list[float],
+    search: tuple[str, int, str, int, int, float],
+    star_shape: str,
+    subdivide: str,
+    most_viewpoints: int,
+    threads: int | None = None,
+    progress: object = None,
+) -> dict[str, Any]: ...

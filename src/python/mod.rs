@@ -8,6 +8,7 @@ mod interrupt;
 mod layered;
 mod octree;
 mod patch;
+mod placement_paper;
 mod render;
 mod sphere;
 mod visibility;
@@ -22,6 +23,7 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     layered::register(m)?;
     octree::register(m)?;
     patch::register(m)?;
+    placement_paper::register(m)?;
     render::register(m)?;
     sphere::register(m)?;
     visibility::register(m)?;

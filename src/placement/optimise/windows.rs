@@ -35,9 +35,13 @@ pub fn search(view: &View, gap: f64, most: usize, start: Option<Solution>) -> Op
             break;
         }
         bound = search.value;
-        let depth = search.depths[range.last] - search.depths[range.first];
-        let by_depth = view.goal.weights.depth * depth / view.goal.axis;
-        let by_extent = view.goal.weights.size * (range.high - range.low) / view.goal.screen;
+
+        // How much the benefit changes over the range: what its bound can be too high by.
+        let near = |i: usize| search.depths[i];
+        let benefit = |extent: f64, depth: f64| view.benefit(extent, depth);
+        let least = benefit(range.high, near(range.first));
+        let by_depth = benefit(range.high, near(range.last)) - least;
+        let by_extent = benefit(range.low, near(range.first)) - least;
         let culled = Some(range.culled);
         if range.first < range.last && by_depth >= by_extent {
             let middle = search.halfway(range.first, range.last);
