@@ -118,7 +118,7 @@ fn optimiser(
         ("paper", "best") => Ok(Optimiser::Paper { lookahead, keep: Keep::Best }),
         ("paper", _) => Err(PyValueError::new_err(format!("keep must be 'last' or 'best', got {keep:?}"))),
         ("annealing", _) => Ok(Optimiser::Annealing { steps: effort, seed }),
-        ("windows", _) => Ok(Optimiser::Windows { gap, most: effort }),
+        ("windows", _) => Ok(Optimiser::Windows { lookahead, gap, most: effort }),
         _ => Err(PyValueError::new_err(format!(
             "optimiser must be 'paper', 'annealing' or 'windows', got {name:?}"
         ))),

@@ -279,7 +279,7 @@ def place_on_grid(
         raise ValueError(f"budget must be positive, got {budget}")
     if budget >= faces:
         raise ValueError(f"budget {budget} is no less than the scene's {faces} primitives: no image is needed")
-    target = int(budget * 0.8) if optimize_to is None else optimize_to
+    target = max(1, int(budget * 0.8)) if optimize_to is None else optimize_to
     if not 0 < target <= budget:
         raise ValueError(f"optimize_to must be above 0 and at most the budget of {budget}, got {optimize_to}")
     tangents = _checks.tangents(fov_x, aspect)

@@ -215,17 +215,16 @@ fn is_coincident(a: f64, b: f64, scale: f64) -> bool {
 
 /// Gives each item its places in the sorted lists.
 fn rank(items: &mut [Item]) {
-    let mut order: Vec<usize> = (0..items.len()).collect();
     for border in 0..BORDERS {
-        order.sort_by(|&a, &b| items[a].keys[border].total_cmp(&items[b].keys[border]));
+        let mut order: Vec<_> = items.iter().map(|i| i.keys[border]).zip(0..items.len()).collect();
+        order.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
         let scale = items.iter().map(|i| i.keys[border].abs()).fold(0.0, f64::max);
         let mut place = 0;
         for i in 0..order.len() {
-            let key = |i: usize| items[order[i]].keys[border];
-            if i > 0 && !is_coincident(key(i - 1), key(i), scale) {
+            if i > 0 && !is_coincident(order[i - 1].0, order[i].0, scale) {
                 place += 1;
             }
-            items[order[i]].ranks[border] = place;
+            items[order[i].1].ranks[border] = place;
         }
     }
 }

@@ -25,7 +25,8 @@ pub fn search(view: &View, lookahead: usize, keep: Keep) -> Option<Solution> {
         return None;
     }
     let mut search = Search { view, evaluated: 1, ranks: Vec::new() };
-    let mut current = Subset { value: view.value_of(&all), members: all, halvings: [1; BORDERS] };
+    let mut current =
+        Subset { value: view.value_of(&all), culled: view.count(&all), members: all, halvings: [1; BORDERS] };
     let mut best = (current.value, current.members.clone());
     loop {
         let mut next: Option<(f64, Subset)> = None;
@@ -51,6 +52,7 @@ pub fn search(view: &View, lookahead: usize, keep: Keep) -> Option<Solution> {
 #[derive(Debug, Clone)]
 struct Subset {
     members: Vec<u32>,
+    culled: u64,
     value: f64,
     halvings: [u32; BORDERS],
 }
@@ -65,18 +67,21 @@ struct Search<'a> {
 impl Search<'_> {
     /// With a border moved as far as its step and the target allow; notes in `from` how far that was.
     fn moved(&mut self, from: &mut Subset, border: usize) -> Option<Subset> {
+        let items = &self.view.items;
+        let rank = |m: &u32| items[*m as usize].ranks[border];
         let size = from.members.len();
         loop {
             let step = (size >> from.halvings[border]).max(1);
-            let rank = |m: &u32| self.view.items[*m as usize].ranks[border];
             self.ranks.clear();
             self.ranks.extend(from.members.iter().map(rank));
             let (_, &mut last, _) = self.ranks.select_nth_unstable(step - 1);
-            let members: Vec<u32> = from.members.iter().copied().filter(|m| rank(m) > last).collect();
             self.evaluated += 1;
-            if !members.is_empty() && self.view.count(&members) >= self.view.need() {
+            let dropped = from.members.iter().filter(|m| rank(m) <= last);
+            let culled = from.culled - dropped.map(|&m| u64::from(items[m as usize].count)).sum::<u64>();
+            if culled >= self.view.need() && culled > 0 {
+                let members: Vec<u32> = from.members.iter().copied().filter(|m| rank(m) > last).collect();
                 let value = self.view.value_of(&members);
-                return Some(Subset { members, value, halvings: from.halvings });
+                return Some(Subset { members, culled, value, halvings: from.halvings });
             }
             if step == 1 {
                 return None;

@@ -10,7 +10,7 @@
 //! is worth no less than its own corner of the range. So halving ranges, best bound first, closes the gap as the ranges
 //! narrow, however the primitives lie.
 
-use super::{BOTTOM, LEFT, NEAR, RIGHT, Solution, TOP, View};
+use super::{BOTTOM, Item, LEFT, NEAR, RIGHT, Solution, TOP, View};
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 
@@ -35,7 +35,6 @@ pub fn search(view: &View, gap: f64, most: usize, start: Option<Solution>) -> Op
             break;
         }
         bound = search.value;
-
         // How much the benefit changes over the range: what its bound can be too high by.
         let near = |i: usize| search.depths[i];
         let benefit = |extent: f64, depth: f64| view.benefit(extent, depth);
@@ -102,8 +101,11 @@ struct Search<'a> {
     /// The items by their left and by their right border, descending.
     by_left: Vec<u32>,
     by_right: Vec<u32>,
-    /// The bottom borders, ascending.
+    /// The bottom borders, ascending; and how many are no higher than each item's.
     bottoms: Vec<f64>,
+    ends: Vec<u32>,
+    /// The first bottom that a window may have which holds each item: of the present extent.
+    starts: Vec<u32>,
     tree: Maxima,
     value: f64,
     best: Option<Vec<u32>>,
@@ -131,7 +133,11 @@ impl<'a> Search<'a> {
         }
         let tree = Maxima::new(bottoms.len());
         let (by_left, by_right) = (order(LEFT, 1.0), order(RIGHT, -1.0));
-        Some(Self { view, depths, by_left, by_right, bottoms, tree, value: 0.0, best: None, evaluated: 0 })
+        let end = |i: &Item| bottoms.partition_point(|&b| b <= i.keys[BOTTOM]) as u32;
+        let ends = view.items.iter().map(end).collect();
+        let starts = vec![0; view.items.len()];
+        let (value, best, evaluated) = (0.0, None, 0);
+        Some(Self { view, depths, by_left, by_right, bottoms, ends, starts, tree, value, best, evaluated })
     }
 
     /// The extent of a window that holds all items.
@@ -184,21 +190,24 @@ impl<'a> Search<'a> {
         while i < self.by_left.len() {
             let left = items[self.by_left[i] as usize].keys[LEFT];
             while i < self.by_left.len() && items[self.by_left[i] as usize].keys[LEFT] == left {
-                let item = &items[self.by_left[i] as usize];
+                let index = self.by_left[i] as usize;
+                let item = &items[index];
                 if fits(&item.keys) {
-                    let (from, to) = span(&self.bottoms, &item.keys, extent);
-                    self.tree.add(from, to, i64::from(item.count));
+                    let start = self.bottoms.partition_point(|&b| b < -item.keys[TOP] - extent);
+                    self.starts[index] = start as u32;
+                    self.tree.add(start, self.ends[index] as usize, i64::from(item.count));
                 }
                 i += 1;
             }
             while leaving < self.by_right.len() {
-                let item = &items[self.by_right[leaving] as usize];
+                let index = self.by_right[leaving] as usize;
+                let item = &items[index];
                 if -item.keys[RIGHT] <= left + extent {
                     break;
                 }
                 if fits(&item.keys) && item.keys[LEFT] >= left {
-                    let (from, to) = span(&self.bottoms, &item.keys, extent);
-                    self.tree.add(from, to, -i64::from(item.count));
+                    let (start, end) = (self.starts[index] as usize, self.ends[index] as usize);
+                    self.tree.add(start, end, -i64::from(item.count));
                 }
                 leaving += 1;
             }
@@ -212,7 +221,7 @@ impl<'a> Search<'a> {
             let members: Vec<u32> = (0..items.len() as u32)
                 .filter(|&m| {
                     let keys = &items[m as usize].keys;
-                    let (from, to) = span(&self.bottoms, keys, extent);
+                    let (from, to) = (self.starts[m as usize] as usize, self.ends[m as usize] as usize);
                     let across = keys[LEFT] >= left && -keys[RIGHT] <= left + extent;
                     fits(keys) && across && (from..to).contains(&place)
                 })
@@ -224,12 +233,6 @@ impl<'a> Search<'a> {
         }
         culled
     }
-}
-
-/// Which bottoms a window of this extent may have that holds the item.
-fn span(bottoms: &[f64], keys: &[f64; 5], extent: f64) -> (usize, usize) {
-    let from = bottoms.partition_point(|&b| b < -keys[TOP] - extent);
-    (from, bottoms.partition_point(|&b| b <= keys[BOTTOM]))
 }
 
 /// Numbers, to which something is added over ranges, and their maximum: a tree of pairs.
