@@ -269,9 +269,9 @@ def place_on_grid(
     Examples
     --------
     >>> import cyclorama as cyc
-    >>> plan = place_on_grid(cyc.scenes.pipes(20_000), budget=8_000, leaf_depth=4)
+    >>> plan = place_on_grid(cyc.scenes.pipes(20_000), 10_000, leaf_depth=3, lookahead=0, star_shape="paper")
     >>> checked = plan.check(frames=20)
-    >>> checked["most drawn"] <= 8_000, checked["past the image"]
+    >>> checked["most drawn"] <= 10_000, checked["over budget"]
     (True, 0)
     """
     faces = len(scene)
