@@ -1,6 +1,6 @@
 """Cyclorama decides ahead of time what of a 3D scene can be seen from where."""
 
-from . import bitfield, lab, ldi, octree, patches, portals, quality, scenes, sphere, warp
+from . import bitfield, lab, ldi, octree, patches, placement, portals, quality, scenes, sphere, warp
 from .bakes.assembly import Assembly
 from .bakes.baking import bake
 from .bakes.evaluation import Evaluation, evaluate
@@ -12,6 +12,7 @@ from .camera import Camera
 from .depth_image import DepthImage, disparity_from_zbuffer
 from .ldi import LayeredDepthImage
 from .loading import describe, load
+from .placement import place_images
 from .region import Region, visible_from
 from .render import BACKGROUND, View
 from .scene import Scene
@@ -46,6 +47,8 @@ __all__ = [
     "merge",
     "octree",
     "patches",
+    "place_images",
+    "placement",
     "portals",
     "quality",
     "scenes",

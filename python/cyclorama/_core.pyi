@@ -302,3 +302,32 @@ def placement_paper(
     threads: int | None = None,
     progress: object = None,
 ) -> dict[str, Any]: ...
+
+@final
+class Cells:
+    def __new__(cls, mesh: Mesh, leaf_depth: int) -> Cells: ...
+    def order(self) -> npt.NDArray[np.uint32]: ...
+    def nodes(self) -> npt.NDArray[np.uint32]: ...
+    def place(
+        self, options: dict[str, Any], threads: int | None = None, progress: object = None
+    ) -> tuple[
+        tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]],
+        tuple[npt.NDArray[np.float64], npt.NDArray[np.int32]],
+    ]: ...
+
+@final
+class Plan:
+    def __new__(
+        cls,
+        cells: Cells,
+        viewpoints: npt.NDArray[np.float64],
+        images: npt.NDArray[np.float64],
+        up: tuple[float, float, float],
+        tangents: tuple[float, float],
+        budget: int,
+    ) -> Plan: ...
+    def frame(
+        self, eye: tuple[float, float, float], yaw: float, pitch: float, out: npt.NDArray[np.uint32]
+    ) -> tuple[int, int]: ...
+    def images(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]: ...
+    def angles(self, forward: tuple[float, float, float]) -> tuple[float, float]: ...

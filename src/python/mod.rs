@@ -8,6 +8,7 @@ mod interrupt;
 mod layered;
 mod octree;
 mod patch;
+mod placement;
 mod placement_paper;
 mod render;
 mod sphere;
@@ -24,6 +25,7 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     octree::register(m)?;
     patch::register(m)?;
     placement_paper::register(m)?;
+    placement::register(m)?;
     render::register(m)?;
     sphere::register(m)?;
     visibility::register(m)?;

@@ -1,0 +1,396 @@
+"""What is drawn for an eye and a gaze: faces, and an image for the rest."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from .. import _core
+from ..archives import read_archive, write_archive
+from ..fingerprint import fingerprint
+from ..progress import Progress
+from ..scene import Scene
+from .check import Check, check
+from .verify import FORMAT, check_proof, verify
+
+__all__ = ["Frame", "Image", "Images", "Plan"]
+
+Floats = npt.NDArray[np.float64]
+Directions = Literal["yaw", "sphere"]
+
+_FORMAT = "cyclorama placement plan 1"
+_SAVED = ("budget", "optimize_to", "fov_x", "aspect", "directions", "leaf_depth")
+
+# Gazes of a yaw plan may be off the horizon by so many degrees: what normalizing in float32 leaves.
+_LEVEL = 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class Image:
+    """An image of a plan, and where it is taken from.
+
+    Attributes
+    ----------
+    index : int
+        Its row in `Plan.images`.
+    viewpoint : (3,) ndarray of float64
+    corners : (4, 3) ndarray of float64
+        Of the quadrilateral: top-left, top-right, bottom-right, bottom-left as seen from the viewpoint.
+    forward : (3,) ndarray of float64
+        The image's own gaze, across which the quadrilateral lies.
+    """
+
+    index: int
+    viewpoint: Floats
+    corners: Floats
+    forward: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """What is drawn for an eye and a gaze.
+
+    Attributes
+    ----------
+    faces : (K,) ndarray of uint32
+        The faces of all cells that the frustum may see, without those behind the image; at most the budget.
+    image : Image or None
+        What stands for the rest; None where all that is seen fits the budget.
+    """
+
+    faces: npt.NDArray[np.uint32]
+    image: Image | None
+
+
+@dataclass(frozen=True, eq=False)
+class Images:
+    """All images of a plan, I of them.
+
+    Attributes
+    ----------
+    viewpoint : (I,) ndarray of int64
+        Rows of `Plan.viewpoints`.
+    corners : (I, 4, 3) ndarray of float64
+    forward : (I, 3) ndarray of float64
+        See `Image`.
+    yaw : (I, 2) ndarray of float64
+        Degrees, low and high: the gazes that the proof gives to the image. The low one is from 0 to 360, the high one
+        may be beyond.
+    """
+
+    viewpoint: npt.NDArray[np.int64]
+    corners: Floats
+    forward: Floats
+    yaw: Floats
+
+    def __len__(self) -> int:
+        return len(self.viewpoint)
+
+
+@dataclass(frozen=True, eq=False)
+class Proof:
+    """Boxes of eyes and gazes that tile all there are, each with what serves it.
+
+    Attributes
+    ----------
+    boxes : (L, 10) ndarray of float64
+        Eyes, low and high; yaws, low and high; pitches, low and high. Radians.
+    image : (L,) ndarray of int32
+        -1 where no image is needed.
+    """
+
+    boxes: Floats
+    image: npt.NDArray[np.int32]
+
+    def __len__(self) -> int:
+        return len(self.boxes)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Plan:
+    """Images such that no frame draws more than a budget; made by `place_images`.
+
+    Attributes
+    ----------
+    scene : Scene
+    budget, optimize_to : int
+        No frame draws more faces than the budget; images were chosen to leave no more than the other.
+    fov_x, aspect : float
+        Of all frames: degrees, and width over height.
+    up : (3,) ndarray of float64
+    directions : {"yaw", "sphere"}
+        Whether gazes are level, or any.
+    domain : (2, 3) ndarray of float64
+        Where eyes may be: lowest and highest coordinates.
+    leaf_depth : int
+        Of the octree that faces are counted and culled in.
+    viewpoints : (N, 3) ndarray of float64
+    parameters : (I, 8) ndarray of float64
+        Of each image its viewpoint's row, yaw and pitch in radians, distance of the plane, and where the quadrilateral
+        ends over that distance: left, right, bottom, top.
+    proof : Proof
+    """
+
+    scene: Scene
+    budget: int
+    optimize_to: int
+    fov_x: float
+    aspect: float
+    up: Floats
+    directions: Directions
+    domain: Floats
+    leaf_depth: int
+    viewpoints: Floats
+    parameters: Floats
+    proof: Proof
+    _cells: _core.Cells = field(repr=False)
+
+    def __repr__(self) -> str:
+        return (
+            f"<Plan: {len(self.scene):,} faces, at most {self.budget:,} a frame by {len(self.images):,} images from "
+            f"{len(self.viewpoints):,} viewpoints>"
+        )
+
+    @property
+    def tangents(self) -> tuple[float, float]:
+        """Of half the horizontal and half the vertical angle of view."""
+        half = float(np.tan(np.radians(self.fov_x) / 2))
+        return half, half / self.aspect
+
+    @cached_property
+    def _kernel(self) -> _core.Plan:
+        viewpoints = np.ascontiguousarray(self.viewpoints[self.parameters[:, 0].astype(np.int64)])
+        rest = np.ascontiguousarray(self.parameters[:, 1:])
+        up = (float(self.up[0]), float(self.up[1]), float(self.up[2]))
+        return _core.Plan(self._cells, viewpoints, rest, up, self.tangents, self.budget)
+
+    @cached_property
+    def images(self) -> Images:
+        """All images."""
+        corners, forward = self._kernel.images()
+        count = len(self.parameters)
+        spans = np.zeros((count, 2))
+        yaws = self.parameters[:, 1]
+        served = self.proof.image >= 0
+        image, boxes = self.proof.image[served], self.proof.boxes[served]
+        # Around the image's own yaw, so that no range is cut at zero.
+        turns = (boxes[:, 6:8].mean(axis=1) - yaws[image] + np.pi) % (2 * np.pi) - np.pi
+        half = (boxes[:, 7] - boxes[:, 6]) / 2
+        np.minimum.at(spans[:, 0], image, turns - half)
+        np.maximum.at(spans[:, 1], image, turns + half)
+        low = (yaws + spans[:, 0]) % (2 * np.pi)
+        return Images(
+            viewpoint=self.parameters[:, 0].astype(np.int64),
+            corners=corners.reshape(count, 4, 3),
+            forward=forward,
+            yaw=np.degrees(np.column_stack([low, low + spans[:, 1] - spans[:, 0]])),
+        )
+
+    def frame(self, eye: npt.ArrayLike, forward: npt.ArrayLike, out: npt.NDArray[np.uint32] | None = None) -> Frame:
+        """What to draw for an eye and a gaze.
+
+        Of the images whose viewpoint lies in the reverse frustum, whose plane lies beyond the eye, and with which the
+        budget is kept, that of the closest viewpoint is taken.
+
+        Parameters
+        ----------
+        eye : (3,) array_like of float
+            In `domain`.
+        forward : (3,) array_like of float
+            The direction of view, of any length but zero.
+        out : (B,) ndarray of uint32, optional
+            At least `budget` long; the faces are a view of it.
+
+        Returns
+        -------
+        Frame
+
+        Raises
+        ------
+        ValueError
+            If the eye is not finite or not in the domain, the direction is zero or not finite, or not level though
+            the plan is for level gazes.
+
+        Examples
+        --------
+        >>> import cyclorama as cyc
+        >>> plan = cyc.place_images(cyc.scenes.pipes(20_000), budget=13_000, progress=False)
+        >>> frame = plan.frame([-0.9, 0, 0], [1, 0, 0])
+        >>> len(frame.faces) <= 13_000
+        True
+        """
+        at = _vector("eye", eye)
+        if not ((at >= self.domain[0]) & (at <= self.domain[1])).all():
+            low, high = self.domain.round(6).tolist()
+            raise ValueError(f"eye {at.tolist()} is outside plan.domain, {low} to {high}: no image is placed for it")
+        gaze = _vector("forward", forward)
+        largest = np.abs(gaze).max()
+        if largest == 0:
+            raise ValueError("forward is zero: it must be a direction")
+        yaw, pitch = self._kernel.angles(tuple((gaze / largest).tolist()))
+        if self.directions == "yaw":
+            if abs(np.degrees(pitch)) > _LEVEL:
+                raise ValueError(
+                    f"forward {gaze.tolist()} is pitched by {np.degrees(pitch):.4g} degrees, and this plan is for "
+                    "level gazes: only those are placed"
+                )
+            pitch = 0.0
+        if out is None:
+            out = np.empty(min(self.budget, len(self.scene)), np.uint32)
+        elif out.dtype != np.uint32 or out.ndim != 1 or len(out) < min(self.budget, len(self.scene)):
+            raise ValueError(f"out must be {self.budget} uint32, got {out.shape} {out.dtype}")
+        count, index = self._kernel.frame((float(at[0]), float(at[1]), float(at[2])), yaw, pitch, out)
+        if index == -2:
+            raise AssertionError("the proof says that an image serves this eye and gaze; please report it")
+        return Frame(out[:count], None if index == -1 else self.image(index))
+
+    @property
+    def axes(self) -> Floats:
+        """(3, 3) unit vectors from which angles of the proof are measured: ahead, beside (a yaw of 90 degrees), up."""
+        up = self.up / np.linalg.norm(self.up)
+        x, y, z = np.abs(self.up)
+        axis = np.eye(3)[2 if y >= max(x, z) else 0 if z >= x else 1]
+        ahead = axis - up * (up @ axis)
+        ahead /= np.linalg.norm(ahead)
+        return np.stack([ahead, np.cross(up, ahead), up])
+
+    def cells(self) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.int64]]:
+        """The faces, those of a cell one after another, and where each cell starts."""
+        nodes = self._cells.nodes().astype(np.int64)
+        return self._cells.order(), nodes[nodes[:, 1] > nodes[:, 0], 0]
+
+    def check(self, frames: int = 1000, seed: int = 0, *, progress: Progress = None) -> Check:
+        """Draws random frames, half of them near faces, edges and corners of the domain and looking inwards.
+
+        Each is looked at with other code than drew it: whether the budget holds, each cell of faces is drawn, outside
+        the frustum or behind the quadrilateral, the eye before the plane, the viewpoint in the reverse frustum.
+
+        Examples
+        --------
+        >>> import cyclorama as cyc
+        >>> plan = cyc.place_images(cyc.scenes.pipes(20_000), budget=13_000, progress=False)
+        >>> plan.check(frames=20, progress=False).is_sound
+        True
+        """
+        if not (isinstance(frames, (int, np.integer)) and frames >= 1):
+            raise ValueError(f"frames must be an integer of at least 1, got {frames!r}")
+        return check(self, int(frames), seed, progress)
+
+    def certify(self, path: str | os.PathLike[str] | None = None) -> int:
+        """Checks the proof box by box with an independent verifier, as it was written to a file if one is given.
+
+        Returns
+        -------
+        int
+            The boxes of the proof.
+
+        Raises
+        ------
+        ValueError
+            If the proof does not hold; `cyclorama.placement.verify.verify` reads the file and says the same.
+
+        Examples
+        --------
+        >>> import cyclorama as cyc
+        >>> plan = cyc.place_images(cyc.scenes.pipes(20_000), budget=13_000, progress=False)
+        >>> plan.certify() == len(plan.proof)
+        True
+        """
+        order, starts = self.cells()
+        header = {
+            "scene": fingerprint(self.scene),
+            "budget": self.budget,
+            "tangents": self.tangents,
+            "axes": self.axes.tolist(),
+            "domain": self.domain.tolist(),
+            "pitch": [-np.pi / 2, np.pi / 2] if self.directions == "sphere" else [0.0, 0.0],
+        }
+        arrays: dict[str, npt.NDArray[Any]] = {
+            "order": order,
+            "starts": starts,
+            "boxes": self.proof.boxes,
+            "served": self.proof.image,
+            "viewpoints": self.viewpoints[self.images.viewpoint],
+            "corners": self.images.corners,
+        }
+        if path is None:
+            return check_proof(header, arrays, self.scene)
+        write_archive(path, FORMAT, header, arrays)
+        return verify(path, self.scene)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Writes the plan, but not the scene, to an `.npz` file.
+
+        Examples
+        --------
+        >>> import tempfile
+        >>> from pathlib import Path
+        >>> import cyclorama as cyc
+        >>> scene = cyc.scenes.pipes(20_000)
+        >>> plan = cyc.place_images(scene, budget=13_000, progress=False)
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     plan.save(Path(folder) / "plan.npz")
+        ...     len(Plan.load(Path(folder) / "plan.npz", scene).images) == len(plan.images)
+        True
+        """
+        header = {"scene": fingerprint(self.scene)} | {name: getattr(self, name) for name in _SAVED}
+        arrays: dict[str, npt.NDArray[Any]] = {
+            "up": self.up,
+            "domain": self.domain,
+            "viewpoints": self.viewpoints,
+            "parameters": self.parameters,
+            "boxes": self.proof.boxes,
+            "served": self.proof.image,
+        }
+        write_archive(path, _FORMAT, header, arrays)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str], scene: Scene) -> Plan:
+        """The plan that `save` wrote.
+
+        Raises
+        ------
+        ValueError
+            If the file is no whole plan, or the scene is not the one that the plan is for.
+        FileNotFoundError
+            If there is no such file.
+
+        Examples
+        --------
+        See `save`.
+        """
+        with read_archive(path, _FORMAT, "plan") as (header, file):
+            if header["scene"] != fingerprint(scene):
+                raise ValueError("it is for another scene, or the scene has changed since")
+            proof = Proof(file["boxes"], file["served"])
+            names = ("up", "domain", "viewpoints", "parameters")
+            fields = {name: file[name] for name in names} | {name: header[name] for name in _SAVED}
+            return cls(scene=scene, proof=proof, _cells=_core.Cells(scene._mesh, header["leaf_depth"]), **fields)
+
+    def image(self, index: int) -> Image:
+        """One of the images.
+
+        Examples
+        --------
+        >>> import cyclorama as cyc
+        >>> plan = cyc.place_images(cyc.scenes.pipes(20_000), budget=13_000, progress=False)
+        >>> plan.image(0).corners.shape
+        (4, 3)
+        """
+        images = self.images
+        viewpoint = self.viewpoints[images.viewpoint[index]]
+        return Image(int(index), viewpoint, images.corners[index], images.forward[index])
+
+
+def _vector(name: str, value: npt.ArrayLike) -> Floats:
+    vector = np.asarray(value, dtype=np.float64)
+    if vector.shape != (3,):
+        raise ValueError(f"{name} must have shape (3,), got {vector.shape}")
+    if not np.isfinite(vector).all():
+        raise ValueError(f"{name} is {vector.tolist()}: coordinates must be finite")
+    return vector

@@ -1,0 +1,233 @@
+"""Plans keep their budgets and lose nothing; proofs are checked by code that shares nothing with what made them."""
+
+import numpy as np
+import pytest
+
+import cyclorama as cyc
+from cyclorama import placement
+from cyclorama.placement.verify import check_proof, verify
+
+BUDGET = 12_000
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return cyc.scenes.pipes(20_000)
+
+
+@pytest.fixture(scope="module")
+def plan(scene):
+    return cyc.place_images(scene, BUDGET, progress=False)
+
+
+def brute_force(plan, eye, gaze, image):
+    """Faces that are outside a plane of the frustum, and those behind the image, corner by corner."""
+    forward = np.asarray(gaze) / np.linalg.norm(gaze)
+    right = np.cross(forward, [0, 1, 0])
+    right /= np.linalg.norm(right)
+    up = np.cross(right, forward)
+    tan_x = np.tan(np.radians(plan.fov_x / 2))
+    points = plan.scene.vertices.astype(float)[plan.scene.faces]
+    x, y, z = (points - eye) @ right, (points - eye) @ up, (points - eye) @ forward
+    tan_y = tan_x / plan.aspect
+    planes = [x + z * tan_x, z * tan_x - x, y + z * tan_y, z * tan_y - y]
+    outside = np.any([(p < 0).all(axis=1) for p in planes], axis=0)
+    if image is None:
+        return outside, np.zeros(len(outside), bool)
+    to = points - image.viewpoint
+    corners = image.corners - image.viewpoint
+    across, down = corners[1] - corners[0], corners[3] - corners[0]
+    # Each corner's ray meets the quadrilateral at corners[0] + a across + b down, at a share t of the way.
+    a, b, t = np.moveaxis(np.linalg.solve(np.column_stack([across, down, -corners[0]]), to[..., None])[..., 0], -1, 0)
+    scale = -t
+    behind = (scale >= 1 - 1e-9) & (a >= -1e-9) & (b >= -1e-9) & (a <= scale + 1e-9) & (b <= scale + 1e-9)
+    return outside, behind.all(axis=1)
+
+
+def test_every_face_is_drawn_or_outside_or_behind_the_image(plan):
+    eyes, gazes = placement.check.random_frames(plan, 80, 3)
+    needed = 0
+    for eye, gaze in zip(eyes, gazes, strict=True):
+        frame = plan.frame(eye, gaze)
+        outside, behind = brute_force(plan, eye, gaze, frame.image)
+        drawn = np.zeros(len(plan.scene), bool)
+        drawn[frame.faces] = True
+        assert len(frame.faces) == drawn.sum() <= BUDGET
+        assert (drawn | outside | behind).all()
+        if frame.image is not None:
+            needed += 1
+            image = frame.image
+            assert image.forward @ (eye - image.viewpoint) < image.forward @ (image.corners[0] - image.viewpoint)
+    assert needed > 5
+
+
+def test_the_closest_viewpoint_that_serves_is_taken(plan):
+    eyes, gazes = placement.check.random_frames(plan, 200, 4)
+    reach = 1.2 * (plan.domain[1] - plan.domain[0]).max()
+    for eye, gaze in zip(eyes, gazes, strict=True):
+        frame = plan.frame(eye, gaze)
+        if frame.image is not None:
+            assert np.linalg.norm(frame.image.viewpoint - eye) <= reach
+
+
+def test_random_frames_are_sound(plan):
+    report = plan.check(300, seed=1, progress=False)
+    assert report.is_sound and report.with_image > 20 and report.most <= BUDGET
+    assert report.greatest_distance <= 1.2
+
+
+def test_the_certificate_is_verified_from_its_file(plan, tmp_path):
+    path = tmp_path / "proof.npz"
+    assert plan.certify(path) == len(plan.proof)
+
+
+def test_a_certificate_of_another_scene_is_refused(plan, tmp_path, monkeypatch):
+    path = tmp_path / "proof.npz"
+    monkeypatch.setattr(placement.plan, "verify", lambda path, scene: 0)
+    plan.certify(path)
+    with pytest.raises(ValueError, match="another scene"):
+        verify(path, cyc.scenes.pipes(20_000, seed=1))
+
+
+def parts(plan):
+    """The certificate's header and arrays, of the boxes that need images and some others."""
+    order, starts = plan.cells()
+    header = {
+        "budget": plan.budget,
+        "tangents": plan.tangents,
+        "axes": plan.axes.tolist(),
+        "domain": plan.domain.tolist(),
+        "pitch": [0.0, 0.0],
+    }
+    arrays = {
+        "order": order,
+        "starts": starts,
+        "boxes": plan.proof.boxes.copy(),
+        "served": plan.proof.image.copy(),
+        "viewpoints": plan.viewpoints[plan.images.viewpoint],
+        "corners": plan.images.corners.copy(),
+    }
+    return header, arrays
+
+
+def test_a_certificate_without_one_of_its_boxes_is_refused(plan, scene):
+    header, arrays = parts(plan)
+    arrays["boxes"], arrays["served"] = arrays["boxes"][1:], arrays["served"][1:]
+    with pytest.raises(ValueError, match="leave a part of the domain out"):
+        check_proof(header, arrays, scene)
+
+
+def test_a_certificate_with_a_smaller_budget_is_refused(plan, scene):
+    header, arrays = parts(plan)
+    header["budget"] = BUDGET // 2
+    with pytest.raises(ValueError, match="faces are left by image"):
+        check_proof(header, arrays, scene)
+
+
+def test_a_certificate_whose_image_came_nearer_than_its_eyes_is_refused(plan, scene):
+    header, arrays = parts(plan)
+    for image, viewpoint in enumerate(arrays["viewpoints"]):
+        arrays["corners"][image] = viewpoint + (arrays["corners"][image] - viewpoint) * 1e-3
+    with pytest.raises(ValueError, match=r"past the plane|reverse frustum"):
+        check_proof(header, arrays, scene)
+
+
+def test_a_certificate_that_needs_no_images_is_refused_where_they_are_needed(plan, scene):
+    header, arrays = parts(plan)
+    arrays["served"][:] = -1
+    with pytest.raises(ValueError, match="faces are left by image -1"):
+        check_proof(header, arrays, scene)
+
+
+def test_a_plan_is_the_same_after_its_file(plan, scene, tmp_path):
+    plan.save(tmp_path / "plan.npz")
+    again = placement.Plan.load(tmp_path / "plan.npz", scene)
+    for eye in ([-0.9, 0, 0], [0.2, 0.1, -0.9]):
+        a, b = plan.frame(eye, [0.3, 0, 1]), again.frame(eye, [0.3, 0, 1])
+        np.testing.assert_array_equal(a.faces, b.faces)
+        assert (a.image is None) == (b.image is None)
+
+
+def test_another_scene_is_refused(plan, tmp_path):
+    plan.save(tmp_path / "plan.npz")
+    with pytest.raises(ValueError, match="another scene"):
+        placement.Plan.load(tmp_path / "plan.npz", cyc.scenes.pipes(20_000, seed=1))
+    with pytest.raises(ValueError, match="not a whole plan"):
+        (tmp_path / "cut.npz").write_bytes((tmp_path / "plan.npz").read_bytes()[:5000])
+        placement.Plan.load(tmp_path / "cut.npz", plan.scene)
+
+
+def test_threads_change_nothing(scene, plan):
+    other = cyc.place_images(scene, BUDGET, threads=1, progress=False)
+    np.testing.assert_array_equal(plan.parameters, other.parameters)
+    np.testing.assert_array_equal(plan.proof.boxes, other.proof.boxes)
+
+
+def test_a_budget_above_the_scene_needs_no_image(scene):
+    plan = cyc.place_images(scene, 20_000, progress=False)
+    assert len(plan.images) == 0
+    assert plan.frame([0, 0, 0], [1, 0, 0]).image is None
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"budget": 0}, "budget must be"),
+        ({"budget": 100}, "budget 100 is too small: .* needs"),
+        ({"optimize_to": BUDGET + 1}, "optimize_to must be"),
+        ({"fov_x": 180.0}, "fov_x must be"),
+        ({"aspect": 0.0}, "aspect must be"),
+        ({"up": (0, 0, 0)}, "up must be"),
+        ({"domain": [[0, 0, 0], [0, 1, 1]]}, "domain must be"),
+        ({"leaf_depth": 11}, "leaf_depth must be"),
+        ({"reach": 0.0}, "reach must be"),
+        ({"image_fov": 30.0}, "image_fov must be"),
+    ],
+)
+def test_bad_arguments_are_named(scene, arguments, words):
+    with pytest.raises(ValueError, match=words):
+        cyc.place_images(scene, **({"budget": BUDGET, "progress": False} | arguments))
+
+
+def test_scenes_without_room_are_refused():
+    flat = cyc.Scene([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], [[0, 1, 2], [1, 2, 3]])
+    with pytest.raises(ValueError, match="flat"):
+        cyc.place_images(flat, 1, progress=False)
+    box = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    together = cyc.Scene(box, np.tile([[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]], (50, 1)))
+    with pytest.raises(ValueError, match="budget 10 is too small"):
+        cyc.place_images(together, 10, progress=False)
+
+
+def test_one_primitive_needs_no_image():
+    one = cyc.Scene([[0, 0, 0], [1, 0, 0.5], [0, 1, 1]], [[0, 1, 2]])
+    plan = cyc.place_images(one, 1, progress=False)
+    assert len(plan.images) == 0 and len(plan.frame([0.5, 0.5, 0], [0, 0, 1]).faces) <= 1
+
+
+@pytest.mark.parametrize(
+    ("eye", "gaze", "words"),
+    [
+        ([9, 0, 0], [1, 0, 0], "outside plan.domain"),
+        ([np.nan, 0, 0], [1, 0, 0], "must be finite"),
+        ([0, 0, 0], [0, 0, 0], "forward is zero"),
+        ([0, 0, 0], [1, 0.1, 0], "pitched by 5.7"),
+        ([0, 0], [1, 0, 0], "shape"),
+    ],
+)
+def test_frames_of_bad_eyes_are_refused(plan, eye, gaze, words):
+    with pytest.raises(ValueError, match=words):
+        plan.frame(eye, gaze)
+
+
+def test_out_is_checked_and_used(plan):
+    out = np.empty(BUDGET, np.uint32)
+    assert np.shares_memory(plan.frame([0, 0, 0], [1, 0, 0], out).faces, out)
+    with pytest.raises(ValueError, match="out must be"):
+        plan.frame([0, 0, 0], [1, 0, 0], out[:10])
+
+
+def test_up_may_be_z(scene):
+    turned = cyc.Scene(scene.vertices[:, [2, 0, 1]], scene.faces)
+    plan = cyc.place_images(turned, BUDGET, up=(0, 0, 1), progress=False)
+    assert plan.check(100, progress=False).is_sound
