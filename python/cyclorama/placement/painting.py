@@ -58,24 +58,27 @@ _ROUNDS = 10
 class Images(Protocol):
     """The images of a plan, side by side."""
 
-    viewpoint: npt.NDArray[np.integer]
-    corners: Floats
-    forward: Floats
-
+    @property
+    def viewpoint(self) -> npt.NDArray[np.int64]: ...
+    @property
+    def corners(self) -> Floats: ...
+    @property
+    def forward(self) -> Floats: ...
     def __len__(self) -> int: ...
 
 
 class Image(Protocol):
     """An image of a frame."""
 
-    index: int
+    @property
+    def index(self) -> int: ...
 
 
 class Frame(Protocol):
     """What a plan draws for an eye and a gaze."""
 
-    faces: npt.NDArray[np.uint32]
-
+    @property
+    def faces(self) -> npt.NDArray[np.uint32]: ...
     @property
     def image(self) -> Image | None: ...
 
@@ -83,13 +86,18 @@ class Frame(Protocol):
 class Placement(Protocol):
     """What painting and drawing ask of a plan."""
 
-    viewpoints: Floats
-    fov_x: float
-    aspect: float
-    up: Floats
-    domain: Floats
-    directions: str
-
+    @property
+    def viewpoints(self) -> Floats: ...
+    @property
+    def fov_x(self) -> float: ...
+    @property
+    def aspect(self) -> float: ...
+    @property
+    def up(self) -> Floats: ...
+    @property
+    def domain(self) -> Floats: ...
+    @property
+    def directions(self) -> str: ...
     @property
     def images(self) -> Images: ...
     def frame(self, eye: npt.ArrayLike, forward: npt.ArrayLike) -> Frame: ...
