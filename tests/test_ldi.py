@@ -1,5 +1,7 @@
 """Layered images: built, warped, compacted, cast, against plain NumPy, Open3D, and themselves."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -440,7 +442,8 @@ def test_construction_images_are_merged_until_the_error_is_met():
         ({"disparity": [0.5, -0.1, 0.2]}, r"disparities\[1\] is -0.1"),
         ({"disparity": [0.5, 0.6, 0.2]}, r"disparities\[1\] is 0.6, nearer than 0.5"),
         ({"color": np.zeros((2, 3), np.uint8)}, "color must be"),
-        ({"color": np.full((3, 3), 256)}, "color must be"),
+        ({"color": np.full((3, 3), 256)}, r"color\[0, 0\] is 256"),
+        ({"color": np.full((3, 3), -1)}, r"color\[0, 0\] is -1"),
         ({"place": np.full((3, 2), 8)}, r"place\[0, 0\] is 8"),
         ({"camera": Camera.orthographic_look_at((0, 0, 1), (0, 0, 0), width=2, height=1)}, "orthographic"),
     ],
@@ -478,7 +481,7 @@ def test_bad_arguments_are_refused():
         (lambda: layered.warp(image.camera, "projected", cull="paper"), "needs cull=False"),
         (lambda: layered.warp(image.camera, threads=0), "threads"),
         (lambda: layered.warp(image.camera, thresholds=(0, 1), cull="paper"), "thresholds"),
-        (lambda: layered.warp(image.camera, out=layered.warp(camera_at(width=3))), "out has shape"),
+        (lambda: layered.warp(image.camera, out=layered.warp(camera_at(width=3))), r"out\.color must be"),
         (lambda: layered.compact([]), "cameras is empty"),
         (lambda: layered.compact([image.camera], loss=2), "loss"),
         (lambda: layered.layer(-1), "index"),
@@ -486,6 +489,20 @@ def test_bad_arguments_are_refused():
     ]:
         with pytest.raises(ValueError, match=message):
             call()
+
+
+@pytest.mark.parametrize("name", ["color", "depth", "hole", "exact", "source"])
+@pytest.mark.parametrize("cull", [False, "exact", "paper"])
+def test_memory_that_would_be_filled_in_the_wrong_order_is_refused(name, cull):
+    image = surfaces(np.random.default_rng(8), camera_at())
+    layered = LayeredDepthImage.build(image)
+    good = cyc.warp.Warped.empty(image.camera)
+    array = getattr(good, name)
+    turned, frozen = np.asfortranarray(array), array.copy()
+    frozen.flags.writeable = False
+    for bad in (turned, frozen, array[:-1].copy(), array.astype(np.float64)):
+        with pytest.raises(ValueError, match=rf"out\.{name} must be"):
+            layered.warp(image.camera, cull=cull, out=dataclasses.replace(good, **{name: bad}))
 
 
 def test_memory_of_an_earlier_answer_is_reused_and_may_shine_through():

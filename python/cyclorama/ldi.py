@@ -22,7 +22,7 @@ from .depth_image import DepthImage
 from .normals import encode, of_faces, of_image
 from .placing import camera_through, construction_cameras, quadrilateral
 from .render import BACKGROUND
-from .warp import Order, Warped, _check_camera, _colors_behind, _fresh, _splat_size
+from .warp import Order, Warped, _check_camera, _check_out, _colors_behind, _fresh, _splat_size
 
 if TYPE_CHECKING:
     from .scene import Scene
@@ -203,8 +203,9 @@ class LayeredDepthImage:
         colors = np.asarray(color)
         if colors.size == 0:
             colors = np.empty((0, 3), np.uint8)
-        if colors.shape != (count, 3) or colors.dtype.kind not in "iu" or (colors.size and colors.max() > 255):
+        if colors.shape != (count, 3) or colors.dtype.kind not in "iu":
             raise ValueError(f"color must be ({count}, 3) uint8, got {colors.shape} {colors.dtype}")
+        colors = _integers("color", colors, (count, 3), 0, 255)
         places = np.zeros((count, 2), np.int8) if place is None else _integers("place", place, (count, 2), -8, 7)
         self._kernel = _core.Layered(
             stack(camera),
@@ -577,10 +578,8 @@ class LayeredDepthImage:
             raise ValueError(f"order must be 'occlusion' or 'zbuffer', got {order!r}")
         if out is None:
             out = _fresh(camera)
-        elif not isinstance(out, Warped):
-            raise ValueError(f"out must be a Warped, got {type(out).__name__}")
-        elif out.hole.shape != (camera.height, camera.width):
-            raise ValueError(f"out has shape {out.hole.shape}, the camera {(camera.height, camera.width)}")
+        else:
+            _check_out(out, camera)
         behind = _colors_behind(background, out)
         keep, arrays = behind is out.color, (out.color, out.depth, out.hole, out.exact, out.source)
         behind = None if keep else behind
