@@ -1,5 +1,6 @@
 //! Proves that images serve every eye of a box and every gaze, by recursion over boxes of both.
 
+use super::cells::Cells;
 use super::cover::State;
 use super::image::{Image, Mark};
 use super::stage::Stage;
@@ -9,6 +10,7 @@ use crate::control::Control;
 use crate::error::Error;
 use glam::DVec3;
 use rayon::prelude::*;
+use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// What serves a box.
@@ -42,6 +44,28 @@ pub struct Marked {
 impl Marked {
     pub fn new(image: Image, stage: &Stage<'_>) -> Self {
         Self { image, marks: image.marks(stage.cells) }
+    }
+
+    /// The places in [`Cells::order`] of the faces that the image takes away.
+    pub fn culled(&self, cells: &Cells) -> Vec<Range<usize>> {
+        let (nodes, mut node) = (cells.nodes(), 0);
+        let mut places = Vec::new();
+        while node < nodes.len() {
+            let n = &nodes[node];
+            let end = match self.marks[node] {
+                Mark::Nothing | Mark::Below => n.first,
+                Mark::OwnToo => n.own_end,
+                Mark::All => n.end,
+            };
+            if end > n.first {
+                places.push(n.first as usize..end as usize);
+            }
+            node = match self.marks[node] {
+                Mark::Nothing | Mark::All => n.next as usize,
+                Mark::Below | Mark::OwnToo => node + 1,
+            };
+        }
+        places
     }
 }
 

@@ -192,6 +192,17 @@ impl PyPlan {
         Ok(Self { plan, origin: cells.origin, scale: cells.scale })
     }
 
+    /// The faces that an image stands for, in the order of the cells.
+    fn culled<'py>(&self, py: Python<'py>, index: usize) -> PyResult<Bound<'py, PyArray1<u32>>> {
+        let count = self.plan.images.len();
+        let Some(marked) = self.plan.images.get(index) else {
+            return Err(PyValueError::new_err(format!("index is {index}, the plan has {count} images")));
+        };
+        let cells = &self.plan.cells;
+        let faces = marked.culled(cells).into_iter().flat_map(|range| &cells.order()[range]);
+        Ok(PyArray1::from_iter(py, faces.copied()))
+    }
+
     /// Writes the faces to draw to `out`; says how many they are and the image, -1 for none, -2 where none serves.
     fn frame(
         &self,

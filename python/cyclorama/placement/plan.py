@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -16,7 +16,12 @@ from ..fingerprint import fingerprint
 from ..progress import Progress
 from ..scene import Scene
 from .check import Check, check
+from .prediction import Prediction, predict
 from .verify import FORMAT, check_proof, verify
+
+if TYPE_CHECKING:
+    from .backdrops import Backdrops
+    from .drawing import Drawn
 
 __all__ = ["Frame", "Image", "Images", "Plan"]
 
@@ -149,6 +154,7 @@ class Plan:
     parameters: Floats
     proof: Proof
     _cells: _core.Cells = field(repr=False)
+    _painted: list[Backdrops] = field(default_factory=list, repr=False)
 
     def __repr__(self) -> str:
         return (
@@ -322,6 +328,105 @@ class Plan:
             return check_proof(header, arrays, self.scene)
         write_archive(path, FORMAT, header, arrays)
         return verify(path, self.scene)
+
+    def culled(self, index: int) -> npt.NDArray[np.uint32]:
+        """The faces that an image stands for.
+
+        Parameters
+        ----------
+        index : int
+            Row of `images`.
+
+        Returns
+        -------
+        (K,) ndarray of uint32
+            Those of all cells wholly behind the quadrilateral as the viewpoint sees it.
+
+        Examples
+        --------
+        >>> import cyclorama as cyc
+        >>> plan = cyc.place_images(cyc.scenes.pipes(20_000), budget=13_000, progress=False)
+        >>> len(plan.culled(0)) > 0
+        True
+        """
+        return self._kernel.culled(int(index))
+
+    def paint(
+        self,
+        scene: Scene,
+        size: tuple[int, int] = (512, 384),
+        folder: str | os.PathLike[str] = "backdrops",
+        *,
+        on_demand: bool = False,
+        progress: Progress = None,
+        **options: Any,
+    ) -> Backdrops:
+        """Paints a layered image for each placement into a folder; `draw` shows them.
+
+        Parameters
+        ----------
+        scene : Scene
+            The one that the plan was made for.
+        size : (int, int)
+            Of an image in pixels.
+        folder : path
+            Images that are there already are kept.
+        on_demand : bool
+            Paint nothing yet, but each image when it is first needed.
+        progress : bool or callable, optional
+            One unit is an image.
+        **options
+            As for `placement.backdrops.Backdrops`.
+
+        Raises
+        ------
+        ValueError
+            If the scene isn't the plan's, or the folder has other backdrops.
+        """
+        from .backdrops import Backdrops
+
+        if fingerprint(scene) != fingerprint(self.scene):
+            raise ValueError("scene is not the one that the plan was made for: place images anew")
+        backdrops = Backdrops(self, scene, folder, size=size, on_demand=on_demand, **options)
+        if not on_demand:
+            backdrops.paint(progress=progress)
+        for old in self._painted:
+            old.close()
+        self._painted[:] = [backdrops]
+        return backdrops
+
+    def draw(
+        self, eye: npt.ArrayLike, forward: npt.ArrayLike, size: tuple[int, int] = (510, 480), **options: Any
+    ) -> Drawn:
+        """The composed picture of an eye; see `placement.backdrops.Backdrops.draw`.
+
+        Raises
+        ------
+        ValueError
+            If nothing was painted, and as there.
+        """
+        if not self._painted:
+            raise ValueError("nothing is painted yet: call plan.paint(scene, folder=...) first")
+        return self._painted[0].draw(eye, forward, size, **options)
+
+    def predict(self) -> Prediction:
+        """What section 3.5 of the dissertation expects of this budget, beside `len(plan.images)`.
+
+        Examples
+        --------
+        >>> import cyclorama as cyc
+        >>> plan = cyc.place_images(cyc.scenes.pipes(20_000), budget=13_000, progress=False)
+        >>> plan.predict().case("best", "printed").viewpoints > 1
+        True
+        """
+        return predict(
+            len(self.scene),
+            self.budget,
+            self.optimize_to,
+            fov_x=self.fov_x,
+            aspect=self.aspect,
+            leaf_cells=len(self.cells()[1]),
+        )
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes the plan, but not the scene, to an `.npz` file.
