@@ -471,6 +471,8 @@ def test_bad_arguments_are_refused():
         (lambda: LayeredDepthImage.build(image, color_tolerance=300), "color_tolerance"),
         (lambda: LayeredDepthImage.build(image, max_error=-1.0), "max_error"),
         (lambda: LayeredDepthImage.build(image, held_out=[image]), "held_out"),
+        (lambda: LayeredDepthImage.build(image, max_error=1.0), "construction is empty"),
+        (lambda: LayeredDepthImage.build(image, [image], max_error=1.0, held_out=[]), "held_out is empty"),
         (lambda: LayeredDepthImage.build(image, [image] * 256), "256 images"),
         (lambda: layered.warp(3), "camera must be"),
         (lambda: layered.warp(image.camera, 2), "splat"),

@@ -333,6 +333,9 @@ class LayeredDepthImage:
         if not (np.isfinite(max_error) and max_error >= 0):
             raise ValueError(f"max_error must be finite and at least 0, got {max_error}")
         judges = list(construction if held_out is None else held_out)
+        if not judges:
+            name = "construction" if held_out is None else "held_out"
+            raise ValueError(f"{name} is empty: max_error has no image to judge by")
         for index, image in enumerate(judges):
             if not isinstance(image, DepthImage):
                 raise ValueError(f"held_out[{index}] must be a DepthImage, got {type(image).__name__}")
