@@ -304,3 +304,18 @@ def test_a_warning_is_one_line(tmp_path, capfd):
     ]
     assert "cyclorama: warning: " in said
     assert ".py" not in said
+
+
+def test_place_writes_a_plan_and_the_chart_of_a_path(tmp_path, capsys):
+    pytest.importorskip("matplotlib", reason="draws the chart")
+    pipes = cyc.scenes.pipes(20_000)
+    mesh = write_ply(tmp_path / "pipes.ply", pipes.vertices, pipes.faces)
+    assert run("place", mesh, "--budget", "65%", "--chart", "path.png", "--frames", 20, "-q") == 0
+    said = capsys.readouterr().out
+    assert "13,000 of 20,000 faces" in said and "frames of the path" in said
+    plan = cyc.placement.Plan.load("pipes.plan.npz", cyc.load(mesh))
+    assert plan.budget == 13_000 and len(plan.images) > 0
+    assert (tmp_path / "path.png").stat().st_size > 1000
+    refused(capsys, "place", mesh, "--budget", "1%", "-q", match="is too small")
+    refused(capsys, "place", mesh, "--budget", "0%", match="not a share above 0%")
+    refused(capsys, "place", mesh, "--out", mesh, match="is the mesh itself")

@@ -1,4 +1,4 @@
-"""The command line: `cyclorama demo | bake | info | tradeoff | validate`.
+"""The command line: `cyclorama demo | bake | info | tradeoff | place | validate`.
 
 Exit status 0 if all went well, 1 if `validate` found a disagreement, 2 on bad input, with one line that says what was
 wrong, 130 on Ctrl-C. Files appear only when they are whole.
@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import re
 import sys
+import time
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
@@ -217,6 +218,56 @@ def _tradeoff(asked: argparse.Namespace) -> int:
     return 0
 
 
+def _place(asked: argparse.Namespace) -> int:
+    from .placement import figures, place_images
+
+    out = asked.out if asked.out is not None else Path(asked.mesh.stem + ".plan.npz")
+    if out.exists() and out.samefile(asked.mesh):
+        raise _Refused(f"--out {out} is the mesh itself")
+    if asked.chart is not None:
+        _need_matplotlib()
+        check_writable(asked.chart)
+    scene = loading.load(asked.mesh)
+    check_writable(out)
+    count, is_share = asked.budget
+    start = time.perf_counter()
+    plan = place_images(
+        scene,
+        budget=max(1, round(count * len(scene))) if is_share else int(count),
+        optimize_to=asked.optimize_to,
+        fov_x=asked.fov_x,
+        aspect=asked.aspect,
+        up=asked.up,
+        directions=asked.directions,
+        leaf_depth=asked.leaf_depth,
+        threads=asked.threads,
+        progress=_progress(asked),
+    )
+    seconds = time.perf_counter() - start
+    plan.save(out)
+    steepest = 0.0 if asked.directions == "yaw" else figures.STEEPEST
+    eyes, forwards = figures.walk(plan.domain, asked.frames, seed=asked.seed, up=plan.up, steepest=steepest)
+    walked = figures.follow(plan, eyes, forwards)
+    far = walked.distance[walked.image >= 0]
+    edge = float((scene.bounds[1] - scene.bounds[0]).max())
+    about = {
+        "budget": f"{plan.budget:,} of {len(scene):,} faces",
+        "images": f"{len(plan.images):,} from {len(plan.viewpoints):,} viewpoints",
+        "seconds": f"{seconds:.2f}",
+        "file": f"{out}, {out.stat().st_size:,} bytes",
+        "frames of the path": f"{len(walked.drawn):,}, {len(far):,} with an image",
+        "drawn at most": f"{walked.drawn.max():,}, by the frustum alone {walked.alone.max():,}",
+        "from eye to viewpoint": f"median {np.median(far) / edge:.3g} longest edges, at most {far.max() / edge:.3g}"
+        if len(far)
+        else "no frame needs an image",
+    }
+    if asked.chart is not None:
+        figures.chart_path(plan, eyes, forwards, path=asked.chart)
+        about["chart"] = str(asked.chart)
+    _print_figures(about)
+    return 0
+
+
 def _validate(asked: argparse.Namespace) -> int:
     scene = loading.load(asked.mesh)
     rows = validation.validate(
@@ -351,6 +402,23 @@ def _parser() -> _Parser:
     trade.add_argument("--csv", type=Path, metavar="FILE", help="write all figures of all rows")
     trade.add_argument("--seed", type=_seed, default=0, help="of all that is random (%(default)s)")
 
+    place = _command(commands, "place", _place, "place images so that no frame draws more than a budget")
+    place.add_argument("mesh", type=_file, metavar="MESH")
+    place.add_argument(
+        "--budget", type=_budget, default=(0.2, True), metavar="N|N%", help="the most faces of a frame (20%%)"
+    )
+    place.add_argument("--optimize-to", type=_count, metavar="N", help="how many faces images should leave")
+    place.add_argument("--fov-x", type=float, default=60.0, metavar="DEGREES", help="of all frames (%(default)s)")
+    place.add_argument("--aspect", type=float, default=4 / 3, help="width over height of all frames (4/3)")
+    place.add_argument("--up", type=_eye, default=[0.0, 1.0, 0.0], metavar="X,Y,Z", help="of all frames (0,1,0)")
+    place.add_argument("--directions", choices=("yaw", "sphere"), default="yaw", help="level gazes (default), or any")
+    place.add_argument("--leaf-depth", type=_count, default=5, help="of the octree that is counted in (%(default)s)")
+    place.add_argument("--out", type=Path, metavar="FILE", help="what to write (MESH's name with .plan.npz)")
+    place.add_argument("--chart", type=_picture, metavar="PICTURE", help="write primitives a frame along a path")
+    place.add_argument("--frames", type=_count, default=200, metavar="N", help="of that path (%(default)s)")
+    place.add_argument("--seed", type=_seed, default=0, help="of that path (%(default)s)")
+    place.add_argument("--threads", type=_count)
+
     validate = _command(commands, "validate", _validate, "draw a mesh with every renderer there is, and compare")
     validate.add_argument("mesh", type=_file, metavar="MESH")
     validate.add_argument("--views", type=_count, default=3, help="random views (%(default)s)")
@@ -385,6 +453,16 @@ def _count(word: str) -> int:
     if count < 1:
         raise argparse.ArgumentTypeError(f"must be at least 1, got {count}")
     return count
+
+
+def _budget(word: str) -> tuple[float, bool]:
+    """A number of faces, or a share of all and True."""
+    if not word.endswith("%"):
+        return _count(word), False
+    share = float(word[:-1]) / 100 if _is_number(word[:-1]) else 0.0
+    if not 0 < share <= 1:
+        raise argparse.ArgumentTypeError(f"{word!r} is not a share above 0% and at most 100%")
+    return share, True
 
 
 def _seed(word: str) -> int:
