@@ -528,7 +528,8 @@ class LayeredDepthImage:
         splat : int or "projected"
             A number as for `cyclorama.warp.forward`. Besides, where it is more than 1, a pixel whose neighbours left
             and right of it, or above and below, are both nearer by more than 3 % is a crack through which something
-            behind shines; it is filled from around like one that nothing fell on.
+            behind shines; it is filled from around like one that nothing fell on. Samples just outside of the picture
+            don't reach into it here: up to half a splat along its border may stay a hole that `forward` fills.
             "projected": a rectangle somewhat larger than the piece of surface appears that a sample stands for, which
             takes several times as long. Seen from much nearer than it was taken, an image then has no wide cracks.
         order : {"occlusion", "zbuffer"}, optional
