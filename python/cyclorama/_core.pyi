@@ -242,8 +242,8 @@ def warp_forward(
 ) -> None: ...
 def warp_map(cameras: CameraArrays, disparity: npt.NDArray[np.float64], out: npt.NDArray[np.float64]) -> None: ...
 
-CellArrays = tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.uint32]]
-Vector = tuple[float, float, float]
+_CellArrays = tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.uint32]]
+_Vector = tuple[float, float, float]
 
 def placement_cells(
     mesh: Mesh, leaf_depth: int
@@ -255,7 +255,7 @@ def placement_cells(
     npt.NDArray[np.uint32],
 ]: ...
 def placement_directions(
-    cell_arrays: CellArrays, viewpoint: Vector, up: Vector, tangents: tuple[float, float], threads: int | None
+    cell_arrays: _CellArrays, viewpoint: _Vector, up: _Vector, tangents: tuple[float, float], threads: int | None
 ) -> tuple[
     npt.NDArray[np.float64],
     npt.NDArray[np.uint64],
@@ -265,10 +265,10 @@ def placement_directions(
     npt.NDArray[np.bool_],
 ]: ...
 def placement_optimise(
-    cell_arrays: CellArrays,
-    viewpoint: Vector,
-    forward: Vector,
-    up: Vector,
+    cell_arrays: _CellArrays,
+    viewpoint: _Vector,
+    forward: _Vector,
+    up: _Vector,
     tangents: tuple[float, float],
     target: int,
     nearest: float,
@@ -279,17 +279,17 @@ def placement_optimise(
 def placement_star(
     others: npt.NDArray[np.float64],
     tangents: tuple[float, float],
-    up: Vector,
+    up: _Vector,
     yaws: tuple[float, float] | None,
-    domain: tuple[Vector, Vector] | None,
+    domain: tuple[_Vector, _Vector] | None,
     tolerance: float,
     most: int,
-) -> tuple[float, float, Vector, Vector, int]: ...
+) -> tuple[float, float, _Vector, _Vector, int]: ...
 def placement_lattice(odd: bool, place: tuple[int, int, int], reach: float) -> npt.NDArray[np.float64]: ...
 def placement_paper(
-    cell_arrays: CellArrays,
-    domain: tuple[Vector, Vector],
-    up: Vector,
+    cell_arrays: _CellArrays,
+    domain: tuple[_Vector, _Vector],
+    up: _Vector,
     tangents: tuple[float, float],
     budget: int,
     target: int,
