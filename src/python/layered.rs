@@ -3,7 +3,7 @@
 use super::arrays::{row_major, rows_of};
 use super::interrupt;
 use super::render::{CameraArrays, cameras};
-use super::warp::{PictureArrays, order};
+use super::warp::{PictureArrays, behind, order, picture};
 use crate::camera::Camera;
 use crate::control::Control;
 use crate::image::layered::build::{Conflict, Picture, build};
@@ -14,7 +14,6 @@ use crate::image::layered::tiles::Tiles;
 use crate::image::layered::warp::{COLOR, Cull, Manner, shown, warp};
 use crate::image::layered::{Layered, place};
 use crate::image::warp::mapping::Mapping;
-use crate::image::warp::picture::{Background, Picture as Out};
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -157,18 +156,8 @@ impl PyLayered {
             radius: size / 2,
             cull: if exact { Cull::Exact } else { Cull::Outside },
         };
-        let background = match &background {
-            _ if keep => Background::Kept,
-            Some(picture) => Background::Picture(row_major("background", picture)?.as_chunks().0),
-            None => Background::Black,
-        };
-        let picture = Out {
-            color: out.0.as_slice_mut()?.as_chunks_mut().0,
-            depth: out.1.as_slice_mut()?,
-            hole: out.2.as_slice_mut()?,
-            exact: out.3.as_slice_mut()?,
-            source: out.4.as_slice_mut()?,
-        };
+        let background = behind(background.as_ref(), keep)?;
+        let picture = picture(&mut out)?;
         let fates = interrupt::brief(py, threads, move |control: &Control| {
             let tiles =
                 self.tiles.get_or_init(|| Tiles::new(&self.image, |i| self.image.colors()[i] & COLOR));
@@ -189,18 +178,8 @@ impl PyLayered {
         threads: Option<i64>,
     ) -> PyResult<()> {
         let target = one(&camera)?;
-        let background = match &background {
-            _ if keep => Background::Kept,
-            Some(picture) => Background::Picture(row_major("background", picture)?.as_chunks().0),
-            None => Background::Black,
-        };
-        let picture = Out {
-            color: out.0.as_slice_mut()?.as_chunks_mut().0,
-            depth: out.1.as_slice_mut()?,
-            hole: out.2.as_slice_mut()?,
-            exact: out.3.as_slice_mut()?,
-            source: out.4.as_slice_mut()?,
-        };
+        let background = behind(background.as_ref(), keep)?;
+        let picture = picture(&mut out)?;
         interrupt::brief(py, threads, move |control: &Control| {
             let slopes = self.slopes.get_or_init(|| Slopes::new(&self.image));
             patches::warp(&self.image, slopes, &target, background, picture, control)
@@ -225,18 +204,8 @@ impl PyLayered {
     ) -> PyResult<Bound<'py, PyArray1<u8>>> {
         let target = one(&camera)?;
         let splat = if size == 0 { Splat::Disparity } else { Splat::Fixed(size / 2) };
-        let background = match &background {
-            _ if keep => Background::Kept,
-            Some(picture) => Background::Picture(row_major("background", picture)?.as_chunks().0),
-            None => Background::Black,
-        };
-        let mut picture = Out {
-            color: out.0.as_slice_mut()?.as_chunks_mut().0,
-            depth: out.1.as_slice_mut()?,
-            hole: out.2.as_slice_mut()?,
-            exact: out.3.as_slice_mut()?,
-            source: out.4.as_slice_mut()?,
-        };
+        let background = behind(background.as_ref(), keep)?;
+        let mut picture = picture(&mut out)?;
         let tree = self.divided(Thresholds { count, size: side });
         let fates = interrupt::run(py, threads, None, move |control| {
             paper::warp(&self.image, &tree, &target, splat, background, &mut picture, control)
