@@ -1,6 +1,6 @@
 """Cyclorama decides ahead of time what of a 3D scene can be seen from where."""
 
-from . import bitfield, lab, ldi, octree, patches, placement, portals, quality, scenes, sphere, warp
+from . import bitfield, lab, ldi, octree, parts, patches, placement, portals, quality, scenes, sphere, warp
 from .bakes.assembly import Assembly
 from .bakes.baking import bake
 from .bakes.evaluation import Evaluation, evaluate
@@ -10,6 +10,7 @@ from .bakes.visibility import Visibility
 from .bitfield import Bitfields
 from .camera import Camera
 from .depth_image import DepthImage, disparity_from_zbuffer
+from .hidden import never_seen, strip
 from .ldi import LayeredDepthImage
 from .loading import describe, load
 from .placement import place_images
@@ -45,7 +46,9 @@ __all__ = [
     "ldi",
     "load",
     "merge",
+    "never_seen",
     "octree",
+    "parts",
     "patches",
     "place_images",
     "placement",
@@ -53,6 +56,7 @@ __all__ = [
     "quality",
     "scenes",
     "sphere",
+    "strip",
     "tradeoff",
     "visible_from",
     "warp",

@@ -1,4 +1,4 @@
-"""The command line: `cyclorama demo | bake | info | tradeoff | place | validate`.
+"""The command line: `cyclorama demo | bake | info | tradeoff | place | strip | validate`.
 
 Exit status 0 if all went well, 1 if `validate` found a disagreement, 2 on bad input, with one line that says what was
 wrong, 130 on Ctrl-C. Files appear only when they are whole.
@@ -268,6 +268,35 @@ def _place(asked: argparse.Namespace) -> int:
     return 0
 
 
+def _strip(asked: argparse.Namespace) -> int:
+    from .hidden import strip
+
+    box = None if asked.inside is None else (asked.inside[:3], asked.inside[3:])
+    done = strip(
+        asked.mesh,
+        asked.out,
+        inside=box,
+        max_missed=asked.max_missed,
+        resolution=asked.resolution,
+        seed=asked.seed,
+        threads=asked.threads,
+        progress=_progress(asked),
+    )
+    faces, unseen = len(done.hidden.seen), [row["part"] for row in done.parts if not row["kept"]]
+    about = {
+        "faces": f"{done.kept:,} of {faces:,} kept, {1 - done.kept / faces:.1%} removed",
+        "parts": f"{len(done.parts) - len(unseen):,} of {len(done.parts):,} have faces left",
+        "views": f"{done.hidden.views:,}",
+        "lost of a picture": f"at most {done.hidden.bound:.1e} of its pixels on average, with 95 % confidence",
+        "file": f"{asked.out}, {asked.out.stat().st_size:,} bytes of {asked.mesh.stat().st_size:,}",
+    }
+    if unseen:
+        shown = ", ".join(unseen[:5])
+        about["never seen"] = shown + (f" and {len(unseen) - 5:,} more" if len(unseen) > 5 else "")
+    _print_figures(about)
+    return 0
+
+
 def _validate(asked: argparse.Namespace) -> int:
     scene = loading.load(asked.mesh)
     rows = validation.validate(
@@ -419,6 +448,22 @@ def _parser() -> _Parser:
     place.add_argument("--seed", type=_seed, default=0, help="of that path (%(default)s)")
     place.add_argument("--threads", type=_count)
 
+    strip = _command(commands, "strip", _strip, "write a mesh without the faces that nobody can ever see")
+    strip.add_argument("mesh", type=_file, metavar="MESH")
+    strip.add_argument("out", type=Path, metavar="OUT", help="what to write: GLB keeps nodes, names and materials")
+    strip.add_argument(
+        "--max-missed", type=float, default=1e-3, metavar="SHARE", help="of a view's pixels, on average (%(default)g)"
+    )
+    strip.add_argument(
+        "--inside",
+        type=_box,
+        metavar="X,Y,Z,X,Y,Z",
+        help="box in which eyes may be; by default they are around the mesh",
+    )
+    strip.add_argument("--resolution", type=_size, default=(510, 480), metavar="WxH")
+    strip.add_argument("--seed", type=_seed, default=0, help="of all that is random (%(default)s)")
+    strip.add_argument("--threads", type=_count)
+
     validate = _command(commands, "validate", _validate, "draw a mesh with every renderer there is, and compare")
     validate.add_argument("mesh", type=_file, metavar="MESH")
     validate.add_argument("--views", type=_count, default=3, help="random views (%(default)s)")
@@ -493,6 +538,13 @@ def _eye(word: str) -> list[float]:
     numbers = _numbers(word)
     if len(numbers) != 3 or not np.isfinite(numbers).all():
         raise argparse.ArgumentTypeError(f"{word!r} is not a place: three finite numbers, X,Y,Z")
+    return numbers
+
+
+def _box(word: str) -> list[float]:
+    numbers = _numbers(word)
+    if len(numbers) != 6 or not np.isfinite(numbers).all():
+        raise argparse.ArgumentTypeError(f"{word!r} is not a box: its lowest and highest corner, X,Y,Z,X,Y,Z")
     return numbers
 
 

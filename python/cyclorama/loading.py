@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from .parts import Part
 from .scene import Scene
 
 __all__ = ["describe", "load"]
@@ -30,13 +31,15 @@ UNCOLORED = np.array([200, 200, 200], dtype=np.uint8)
 
 @dataclass
 class _Part:
-    """One mesh of a source, with a colour for each vertex or for each face, or none."""
+    """One mesh of a source, with a colour for each vertex or for each face, or none, and its place among the nodes."""
 
     vertices: Floats
     faces: Ints
     vertex_colors: Bytes | None = None
     face_colors: Bytes | None = None
     transparent: bool = False
+    name: str = ""
+    path: str = ""
 
 
 def load(source: Any) -> Scene:
@@ -57,7 +60,8 @@ def load(source: Any) -> Scene:
     -------
     Scene
         Faces in the order of the source. A scene graph is flattened node by node, each instance with its transform;
-        a mirroring transform turns the winding, so that outward stays outward.
+        a mirroring transform turns the winding, so that outward stays outward. `Scene.parts` says which faces each
+        node has.
 
     Raises
     ------
@@ -149,15 +153,26 @@ def _load_path(path: Path) -> Scene:
     if path.suffix.lower() not in FORMATS:
         raise ValueError(f"{path}: {path.suffix or 'a name without an ending'} is not one of {' '.join(FORMATS)}")
     try:
-        parts = [_read_off(path)] if path.suffix.lower() == ".off" else _parts(_through_trimesh(path))
+        parts = [_read_off(path)] if path.suffix.lower() == ".off" else _parts(read_file(path))
         if not any(len(part.faces) for part in parts):
             raise ValueError("it holds no triangles, or is cut off")
+        if len(parts) == 1 and not parts[0].name:
+            parts[0].name = parts[0].path = path.stem
         return _join(parts)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
 
 
-def _through_trimesh(path: Path) -> Any:
+def read_file(path: Path) -> Any:
+    """What trimesh makes of a mesh file: a ``Trimesh`` or ``Scene`` whose faces are in the order of `load`'s.
+
+    Raises
+    ------
+    ValueError
+        If the file is of another kind or cut off.
+    ImportError
+        If trimesh is not installed.
+    """
     try:
         import trimesh
     except ImportError as error:
@@ -267,12 +282,23 @@ def _read_trimesh_scene(scene: Any) -> Iterable[_Part]:
         if not _has("vertices", "faces")(mesh):
             continue
         matrix = np.asarray(matrix, dtype=np.float64)
+        path = _node_path(scene.graph, node)
         for part in _read_trimesh(mesh):
+            part.name, part.path = str(node), path
             if not np.array_equal(matrix, np.eye(4)):
                 part.vertices = part.vertices.astype(np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
                 if np.linalg.det(matrix[:3, :3]) < 0:
                     part.faces = part.faces[:, ::-1]
             yield part
+
+
+def _node_path(graph: Any, node: Any) -> str:
+    """Names from below the root down to a node."""
+    parents, names = graph.transforms.parents, []
+    while node is not None and node != graph.base_frame:
+        names.append(str(node))
+        node = parents.get(node)
+    return "/".join(reversed(names))
 
 
 def _read_trimesh(mesh: Any) -> Iterable[_Part]:
@@ -475,7 +501,9 @@ def _join(parts: list[_Part]) -> Scene:
     colors = _join_colors(parts)
     if colors is not None and len(vertices) == len(faces) and all(part.vertex_colors is None for part in parts):
         vertices = np.concatenate([vertices, vertices[-1:]])
-    return Scene(vertices, faces, colors, transparent=transparent)
+    ends = np.cumsum([len(part.faces) for part in parts]).tolist()
+    nodes = [Part(p.name, p.path, end - len(p.faces), end) for p, end in zip(parts, ends, strict=True)]
+    return Scene(vertices, faces, colors, transparent=transparent, parts=nodes)
 
 
 def _join_colors(parts: list[_Part]) -> Bytes | None:

@@ -119,7 +119,7 @@ def visible_from(
     >>> 0 < len(region.faces) < len(ball), region.unseen < 10
     (True, True)
     """
-    box = _box(low, high)
+    box = check_box(low, high)
     for name, value in (("resolution", resolution), ("max_eyes", max_eyes), ("patience", patience)):
         _check_count(name, value, 1)
     _check_count("seed", seed, 0)
@@ -150,7 +150,7 @@ def _chao(sightings: npt.NDArray[np.int64], eyes: int) -> float:
     return float((eyes - 1) / eyes * once * (once - 1) / (2 * (twice + 1)))
 
 
-def _box(low: npt.ArrayLike, high: npt.ArrayLike) -> Floats:
+def check_box(low: npt.ArrayLike, high: npt.ArrayLike) -> Floats:
     """(2, 3) corners, checked."""
     corners = []
     for name, value in (("low", low), ("high", high)):

@@ -10,9 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _core
+from . import parts as scene_parts
 from .bitfield import Bitfields
 from .camera import Camera
 from .depth_image import DepthImage
+from .parts import Part
 from .progress import Progress
 from .render import Engine, Fill, View, render, visible
 
@@ -35,13 +37,16 @@ class Scene:
         A colour for each vertex or each face (where V equals F: for each vertex).
     transparent : (F,) array_like of bool, optional
         Faces that hide nothing and are always answered as visible.
+    parts : sequence of Part, optional
+        Names for ranges of faces, one after the other, all of them together: the nodes of a file. One without a name by
+        default. See `cyclorama.parts`.
 
     Raises
     ------
     ValueError
         If a vertex is not finite, a face names a vertex that is not there, the mesh is empty, no face has an area,
-        the scene is smaller than 1e-70 or larger than 1e70, or colours or mask do not fit. The message names the array,
-        the index and the value.
+        the scene is smaller than 1e-70 or larger than 1e70, or colours, mask or parts do not fit. The message names the
+        array, the index and the value.
 
     Examples
     --------
@@ -57,11 +62,13 @@ class Scene:
         colors: npt.ArrayLike | None = None,
         *,
         transparent: npt.ArrayLike | None = None,
+        parts: Sequence[Part] | None = None,
     ) -> None:
         self.vertices = _vertices(vertices)
         self.faces = _faces(faces, len(self.vertices))
         self.colors = None if colors is None else _colors(colors, len(self.vertices), len(self.faces))
         self.transparent = None if transparent is None else _mask(transparent, len(self.faces))
+        self.parts = scene_parts.check(parts, len(self.faces))
         vertices64 = np.asarray(self.vertices, dtype=np.float64, order="C")
         self._mesh = _core.Mesh(vertices64, self.faces, self.transparent)
         with np.errstate(over="ignore"):
