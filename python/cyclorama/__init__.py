@@ -1,6 +1,20 @@
 """Cyclorama decides ahead of time what of a 3D scene can be seen from where."""
 
-from . import bitfield, lab, ldi, octree, parts, patches, placement, portals, quality, scenes, sphere, warp
+from . import (
+    bitfield,
+    camera_files,
+    lab,
+    ldi,
+    octree,
+    parts,
+    patches,
+    placement,
+    portals,
+    quality,
+    scenes,
+    sphere,
+    warp,
+)
 from .bakes.assembly import Assembly
 from .bakes.baking import bake
 from .bakes.evaluation import Evaluation, evaluate
@@ -17,6 +31,7 @@ from .placement import place_images
 from .region import Region, visible_from
 from .render import BACKGROUND, View
 from .scene import Scene
+from .sightings import Sightings, next_best, sightings
 from .tradeoff import Tradeoff, tradeoff
 
 __version__ = "0.1.0"
@@ -32,6 +47,7 @@ __all__ = [
     "PathVisibility",
     "Region",
     "Scene",
+    "Sightings",
     "Tradeoff",
     "View",
     "Visibility",
@@ -39,6 +55,7 @@ __all__ = [
     "bake",
     "bake_path",
     "bitfield",
+    "camera_files",
     "describe",
     "disparity_from_zbuffer",
     "evaluate",
@@ -47,6 +64,7 @@ __all__ = [
     "load",
     "merge",
     "never_seen",
+    "next_best",
     "octree",
     "parts",
     "patches",
@@ -55,6 +73,7 @@ __all__ = [
     "portals",
     "quality",
     "scenes",
+    "sightings",
     "sphere",
     "strip",
     "tradeoff",

@@ -280,7 +280,9 @@ class _Inside:
 
     def take(self, count: int) -> list[Camera]:
         directions = random_directions(count, [self.seed, self.taken])
-        eyes = np.random.default_rng([self.seed, self.taken, 1]).uniform(*self.box, (count, 3))
+        eyes = self.box[0] + np.random.default_rng([self.seed, self.taken, 1]).random((count, 3)) * np.diff(
+            self.box, axis=0
+        )
         self.taken += count
         return [
             Camera.look_at(eye, eye + direction, (0, 1, 0), 90.0, *self.resolution)

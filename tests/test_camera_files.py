@@ -1,0 +1,161 @@
+"""Cameras from and to the files of other programs."""
+
+import json
+import struct
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import cyclorama as cyc
+from cyclorama.camera_files import (
+    pose,
+    read_colmap,
+    read_gltf,
+    read_transforms,
+    write_colmap,
+    write_gltf,
+    write_transforms,
+)
+from peers import need
+
+WRITE_AND_READ = {
+    "colmap": (write_colmap, read_colmap, ""),
+    "nerfstudio": (write_transforms, read_transforms, "transforms.json"),
+    "gltf": (write_gltf, read_gltf, "cameras.gltf"),
+}
+
+coordinate = st.floats(-100, 100)
+place = st.tuples(coordinate, coordinate, coordinate)
+
+
+@st.composite
+def looks(draw):
+    eye, target = np.array(draw(place)), np.array(draw(place))
+    if np.linalg.norm(target - eye) < 1e-3:
+        target = eye + [0, 0, 1]
+    size = draw(st.integers(1, 2000)), draw(st.integers(1, 2000))
+    return cyc.Camera.look_at(eye, target, (0, 1, 0), draw(st.floats(1, 150)), *size)
+
+
+def same(a, b):
+    np.testing.assert_allclose(a.K, b.K, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(a.world_to_camera, b.world_to_camera, atol=1e-9)
+    assert (a.width, a.height) == (b.width, b.height)
+
+
+@pytest.mark.parametrize("kind", WRITE_AND_READ)
+@settings(max_examples=30)
+@given(cameras=st.lists(looks(), max_size=4))
+def test_what_is_written_is_read_again(kind, cameras, tmp_path_factory):
+    write, read, name = WRITE_AND_READ[kind]
+    path = tmp_path_factory.mktemp(kind) / name
+    named = {f"{i}.png": camera for i, camera in enumerate(cameras)}
+    write(path, named)
+    back = read(path)
+    assert list(back) == list(named)
+    for key, camera in named.items():
+        same(back[key], camera)
+
+
+@given(st.lists(st.floats(-1, 1), min_size=4, max_size=4).filter(lambda q: np.linalg.norm(q) > 1e-3))
+def test_rotations_are_those_of_scipy(quaternion):
+    rotations = need("scipy.spatial.transform").Rotation
+    matrix = pose.rotation(np.array(quaternion))
+    theirs = rotations.from_quat(quaternion, scalar_first=True)
+    np.testing.assert_allclose(matrix, theirs.as_matrix(), atol=1e-12)
+    np.testing.assert_allclose(pose.rotation(pose.quaternion(matrix)), matrix, atol=1e-12)
+
+
+def test_a_binary_colmap_model_is_read_as_its_format_says(tmp_path):
+    camera = struct.pack("<Q", 2) + struct.pack("<iiQQ3d", 7, 0, 640, 480, 500.0, 320.0, 240.0)
+    camera += struct.pack("<iiQQ4d", 8, 1, 64, 48, 50.0, 51.0, 31.0, 23.0)
+    half = np.sqrt(0.5)
+    image = struct.pack("<Q", 2)
+    image += struct.pack("<i7di", 1, half, 0.0, half, 0.0, 1.0, 2.0, 3.0, 7) + b"a b.png\0"
+    image += struct.pack("<Q", 2) + bytes(48)
+    image += struct.pack("<i7di", 2, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 8) + b"c.png\0" + struct.pack("<Q", 0)
+    (tmp_path / "cameras.bin").write_bytes(camera)
+    (tmp_path / "images.bin").write_bytes(image)
+    cameras = read_colmap(tmp_path)
+    assert list(cameras) == ["a b.png", "c.png"]
+    turned = cameras["a b.png"]
+    np.testing.assert_allclose(turned.world_to_camera[:3, :3] @ [0, 0, 1], [1, 0, 0], atol=1e-12)  # 90 degrees about y
+    np.testing.assert_allclose(turned.world_to_camera[:3, 3], [1, 2, 3])
+    np.testing.assert_allclose(cameras["c.png"].K, [[50, 0, 31], [0, 51, 23], [0, 0, 1]])
+    (tmp_path / "images.bin").write_bytes(image[:-20])
+    with pytest.raises(ValueError, match=r"images\.bin: not a readable COLMAP file, or cut off"):
+        read_colmap(tmp_path)
+
+
+def test_colmap_text_with_points_and_comments(tmp_path):
+    (tmp_path / "cameras.txt").write_text("# a comment\n1 SIMPLE_PINHOLE 640 480 500 320 240\n")
+    (tmp_path / "images.txt").write_text(
+        "# a comment\n1 1 0 0 0 0 0 4 1 a.png\n10 20 -1 30 40 5\n2 1 0 0 0 0 0 5 1 b.png\n\n"
+    )
+    cameras = read_colmap(tmp_path)
+    assert [camera.eye[2] for camera in cameras.values()] == [-4, -5]
+
+
+def test_a_gltf_camera_is_where_trimesh_puts_its_node(tmp_path):
+    trimesh = need("trimesh")
+    scene = trimesh.Scene(trimesh.creation.box())
+    scene.graph.update("arm", matrix=trimesh.transformations.rotation_matrix(0.7, [1, 2, 3], [3, 2, 1]))
+    scene.graph.update("head", "arm", matrix=trimesh.transformations.translation_matrix([4, 5, 6]))
+    raw = bytearray(scene.export(file_type="glb"))
+    size = int.from_bytes(raw[12:16], "little")
+    tree = json.loads(raw[20 : 20 + size])
+    tree["cameras"] = [{"type": "perspective", "perspective": {"yfov": 1.0, "aspectRatio": 1.5, "znear": 0.1}}]
+    next(node for node in tree["nodes"] if node["name"] == "head")["camera"] = 0
+    text = json.dumps(tree).encode()
+    text += b" " * (-len(text) % 4)
+    body = len(text).to_bytes(4, "little") + b"JSON" + text + bytes(raw[20 + size :])
+    (tmp_path / "scene.glb").write_bytes(b"glTF\2\0\0\0" + (12 + len(body)).to_bytes(4, "little") + body)
+    camera = read_gltf(tmp_path / "scene.glb", height=100)["head"]
+    placed = scene.graph["head"][0]
+    np.testing.assert_allclose(camera.eye, placed[:3, 3], atol=1e-6)
+    np.testing.assert_allclose(camera.forward, -placed[:3, 2], atol=1e-6)
+    assert (camera.width, camera.height) == (150, 100) and camera.fov_y == pytest.approx(np.degrees(1.0))
+
+
+def test_transforms_take_an_angle_for_a_focal_length_and_what_is_common_to_all(tmp_path):
+    turn = np.diag([1.0, 1.0, 1.0, 1.0])
+    turn[:3, 3] = [1, 2, 3]
+    whole = {
+        "camera_angle_x": np.pi / 2,
+        "w": 200,
+        "h": 100,
+        "frames": [{"file_path": "a", "transform_matrix": turn.tolist()}],
+    }
+    (tmp_path / "t.json").write_text(json.dumps(whole))
+    camera = read_transforms(tmp_path / "t.json")["a"]
+    np.testing.assert_allclose(camera.K, [[100, 0, 100], [0, 100, 50], [0, 0, 1]])
+    np.testing.assert_allclose(camera.eye, [1, 2, 3])
+    np.testing.assert_allclose(camera.forward, [0, 0, -1], atol=1e-12)
+
+
+def test_what_such_files_cannot_say_or_we_cannot_do_is_refused(tmp_path):
+    parallel = {"a": cyc.Camera.orthographic_look_at([0, 0, 5], [0, 0, 0])}
+    for kind, (write, _, name) in WRITE_AND_READ.items():
+        with pytest.raises(ValueError, match="'a' is orthographic"):
+            write(tmp_path / kind / name if kind == "colmap" else tmp_path / name, parallel)
+    beside = cyc.Camera([[100, 0, 40], [0, 100, 24], [0, 0, 1]], np.eye(4), 64, 48)
+    with pytest.raises(ValueError, match="looks beside the middle"):
+        write_gltf(tmp_path / "b.gltf", {"b": beside})
+    with pytest.raises(ValueError, match="is no name for an image"):
+        write_colmap(tmp_path, {"a b": beside})
+    (tmp_path / "cameras.txt").write_text("1 OPENCV 64 48 50 50 32 24 0.1 0 0 0\n")
+    (tmp_path / "images.txt").write_text("1 1 0 0 0 0 0 4 1 a.png\n\n")
+    with pytest.raises(ValueError, match=r"cameras\.txt.*OPENCV, which has distortion"):
+        read_colmap(tmp_path)
+    frame = {"file_path": "a", "transform_matrix": np.eye(4).tolist(), "w": 64, "h": 48, "fl_x": 50}
+    for change, message in [({"k1": 0.1}, r"frames\[0\].*distortion \(k1\)"), ({"w": None}, r"frames\[0\]")]:
+        (tmp_path / "t.json").write_text(json.dumps({"frames": [frame | change]}))
+        with pytest.raises(ValueError, match=message):
+            read_transforms(tmp_path / "t.json")
+    (tmp_path / "t.json").write_text('{"frames": [')
+    with pytest.raises(ValueError, match="not JSON, or cut off"):
+        read_transforms(tmp_path / "t.json")
+    with pytest.raises(FileNotFoundError, match=r"neither cameras\.bin"):
+        read_colmap(tmp_path / "nowhere")
