@@ -1,4 +1,4 @@
-# make demo | test | bench | lint | figures: each works as the only command after a clone, given Rust and Python 3.11 or newer.
+# make demo | test | bench | lint | figures | pages: each works as the only command after a clone, given Rust and Python 3.11 or newer.
 # Everything is installed into .venv from the package index that pip is configured with.
 
 VENV := .venv
@@ -10,7 +10,9 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 SOURCES := $(shell find src -name '*.rs') Cargo.toml Cargo.lock
 DEMO_EXTRAS := mesh,viz
 
-.PHONY: demo test bench lint figures clean
+PAGES := python/cyclorama/pages/visibility.js
+
+.PHONY: demo test bench lint figures pages clean
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 
@@ -18,7 +20,7 @@ DEMO_EXTRAS := mesh,viz
 demo: $(VENV)/.demo $(VENV)/.built
 	$(BIN)/cyclorama demo $(or $(MESH),$(wildcard ../shared/data/bunny.ply))
 
-test: lint
+test: lint pages
 	cargo test --quiet
 	$(BIN)/python -m pytest
 
@@ -39,6 +41,14 @@ lint: $(VENV)/.test $(VENV)/.built $(VENV)/.rust
 figures: $(VENV)/.test $(VENV)/.built
 	$(BIN)/python tools/draw-failures
 
+# The scripts of pages and widgets, bundled from npm's three.js. Where there is no Node.js it says so, and pages do too.
+pages: $(PAGES)
+
+$(PAGES): $(wildcard web/src/*.js) web/build.mjs web/package-lock.json
+	@command -v npm >/dev/null || tools/system-packages nodejs npm
+	@if command -v npm >/dev/null; then cd web && npm ci --silent --no-fund --no-audit && npm run --silent build; \
+	  else echo "pages: no Node.js here to bundle them with"; fi
+
 # Embree's packets of 16 rays, to race against; the bench says so where libembree-dev is not to be had.
 target/embree16: benches/embree16/packets.cpp
 	@mkdir -p target
@@ -46,7 +56,7 @@ target/embree16: benches/embree16/packets.cpp
 	-test ! -e /usr/include/embree3/rtcore.h || $(CXX) -std=c++20 -O3 -march=native -Wall -Wextra $< -lembree3 -pthread -o $@
 
 clean:
-	rm -rf $(VENV) target out
+	rm -rf $(VENV) target out web/node_modules python/cyclorama/pages/*.js
 
 # The extension follows the Rust sources; the Python sources are used in place.
 $(VENV)/.built: $(SOURCES) | $(VENV)/.demo
@@ -57,9 +67,9 @@ $(VENV)/.demo: pyproject.toml | $(VENV)/.python
 	$(BIN)/pip install --quiet --editable '.[$(DEMO_EXTRAS)]'
 	@touch $@ $(VENV)/.built
 
-# Of the system packages, libusb is for Open3D, the rest give pyrender EGL and a software OpenGL.
+# Of the system packages, libusb is for Open3D, Chromium looks at pages, the rest give pyrender EGL and a software OpenGL.
 $(VENV)/.test: pyproject.toml tools/system-packages | $(VENV)/.python
-	tools/system-packages libusb-1.0-0 libegl1 libegl-mesa0 libgl1 libgl1-mesa-dri
+	tools/system-packages libusb-1.0-0 libegl1 libegl-mesa0 libgl1 libgl1-mesa-dri chromium
 	$(BIN)/pip install --quiet --editable '.[test]'
 	@touch $@ $(VENV)/.demo $(VENV)/.built
 

@@ -1,4 +1,4 @@
-"""The command line: `cyclorama demo | bake | info | tradeoff | place | strip | validate`.
+"""The command line: `cyclorama demo | bake | info | tradeoff | place | strip | view | validate`.
 
 Exit status 0 if all went well, 1 if `validate` found a disagreement, 2 on bad input, with one line that says what was
 wrong, 130 on Ctrl-C. Files appear only when they are whole.
@@ -297,6 +297,32 @@ def _strip(asked: argparse.Namespace) -> int:
     return 0
 
 
+def _view(asked: argparse.Namespace) -> int:
+    from .placement import Plan
+    from .viewer import write_page
+
+    out = asked.out if asked.out is not None else Path(asked.file.stem + ".html")
+    check_writable(out)
+    mesh = asked.mesh if asked.mesh is not None else _mesh_of(asked.file)
+    vis, scene = Visibility.load(asked.file), loading.load(mesh)
+    plan = None if asked.plan is None else Plan.load(asked.plan, scene)
+    write_page(vis, scene, out, plan=plan, title=asked.file.stem)
+    print(f"{out}, {out.stat().st_size:,} bytes: open it in a browser")
+    if asked.open:
+        import webbrowser
+
+        webbrowser.open(out.resolve().as_uri())
+    return 0
+
+
+def _mesh_of(file: Path) -> Path:
+    """The mesh beside a visibility file: of the same name, but for the ending."""
+    for ending in loading.FORMATS:
+        if file.with_suffix(ending).exists():
+            return file.with_suffix(ending)
+    raise _Refused(f"no mesh named {file.stem} lies beside {file}: give it with --mesh")
+
+
 def _validate(asked: argparse.Namespace) -> int:
     scene = loading.load(asked.mesh)
     rows = validation.validate(
@@ -463,6 +489,13 @@ def _parser() -> _Parser:
     strip.add_argument("--resolution", type=_size, default=(510, 480), metavar="WxH")
     strip.add_argument("--seed", type=_seed, default=0, help="of all that is random (%(default)s)")
     strip.add_argument("--threads", type=_count)
+
+    view = _command(commands, "view", _view, "write a page that shows what a baked eye sees, to be turned around")
+    view.add_argument("file", type=_file, metavar="FILE", help="a visibility file (.npz)")
+    view.add_argument("--mesh", type=_file, help="what it was baked from; the mesh of its name beside it by default")
+    view.add_argument("--plan", type=_file, metavar="FILE", help="a plan (.plan.npz), whose backdrops are shown, too")
+    view.add_argument("-o", "--out", type=Path, metavar="FILE", help="FILE with .html, in this folder, by default")
+    view.add_argument("--open", action="store_true", help="open it in a browser")
 
     validate = _command(commands, "validate", _validate, "draw a mesh with every renderer there is, and compare")
     validate.add_argument("mesh", type=_file, metavar="MESH")

@@ -325,7 +325,7 @@ class Visibility:
         middles /= np.linalg.norm(middles, axis=1, keepdims=True)
         culled_away = culled_toward = kept_away = kept_toward = 0.0
         faces = 0
-        for rows in self._cell_rows():
+        for rows in self.cell_rows():
             for row in rows:
                 kept = bitfield.unpack(row, self.bitfields.size)[0]
                 kept = kept if self.labels is None else kept[self.labels]
@@ -382,7 +382,7 @@ class Visibility:
 
     def answered(self, shell: int = 0) -> npt.NDArray[np.int64]:
         """(M,) number of faces that eyes in each face of the sphere are answered."""
-        counts = [count_faces(rows, self.bitfields.size, self.labels) for rows in self._cell_rows(shell)]
+        counts = [count_faces(rows, self.bitfields.size, self.labels) for rows in self.cell_rows(shell)]
         return np.concatenate(counts)
 
     def info(self) -> dict[str, Any]:
@@ -488,7 +488,7 @@ class Visibility:
             return shell.cells.union(faces)
         return shell.bitfields.union(np.unique(corner_samples(self.sphere.faces, faces, self.settings.join_count)))
 
-    def _cell_rows(self, shell: int = 0) -> Iterator[Words]:
+    def cell_rows(self, shell: int = 0) -> Iterator[Words]:
         """The rows of all sphere faces, some at a time."""
         chosen, count = self.shells[shell], len(self.sphere.faces)
         step = max(1, (1 << 24) // max(1, chosen.bitfields.words.shape[1] * 8))

@@ -1,0 +1,31 @@
+"""The scripts of pages and widgets, bundled from `web/` when the package is built: they need no network.
+
+Three.js is part of them; its licence (MIT) stands at the end of each.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+__all__ = ["script"]
+
+
+def script(name: str) -> str:
+    """A bundled script.
+
+    Parameters
+    ----------
+    name : str
+        Of the bundle, without an ending.
+
+    Raises
+    ------
+    FileNotFoundError
+        If the package was built without Node.js; the message says how to add it.
+    """
+    path = Path(__file__).with_name(f"{name}.js")
+    if not path.exists():
+        raise FileNotFoundError(
+            f"{path.name} was not bundled with this package: in the sources, `make pages` does it (with Node.js)"
+        )
+    return path.read_text(encoding="utf-8")

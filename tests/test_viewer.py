@@ -1,0 +1,132 @@
+"""A bake as a page, looked at in a browser."""
+
+import numpy as np
+import pytest
+
+import cyclorama as cyc
+from browser import browser, page_of
+from cyclorama import pages, viewer
+from cyclorama.pages.packing import pack
+from peers import need
+
+STATE = "window.cyclorama.state()"
+
+
+@pytest.fixture(scope="module")
+def gear():
+    scene = cyc.scenes.gear()
+    return scene, cyc.bake(scene, views=18, patches=60, resolution=(96, 90), progress=False)
+
+
+@pytest.fixture(scope="module")
+def scripts():
+    try:
+        pages.script("visibility")
+    except FileNotFoundError as error:
+        pytest.skip(str(error))
+
+
+@pytest.fixture(scope="module")
+def running(scripts):
+    with browser() as opened:
+        yield opened
+
+
+def test_the_page_says_what_the_bake_says(gear, running, tmp_path):
+    scene, vis = gear
+    viewer.write_page(vis, scene, tmp_path / "gear.html", title="<gear> & co")
+    with page_of(running, (tmp_path / "gear.html").as_uri()) as page:
+        page.wait_for_function(f"window.cyclorama && {STATE}.missed", timeout=60_000)
+        assert page.text_content("h1") == "<gear> & co"
+        for direction in ([1, 0.2, 0.1], [-0.3, 0.8, 0.5], [0.2, -0.4, -1]):
+            page.evaluate("direction => window.cyclorama.look(direction)", direction)
+            page.wait_for_timeout(300)
+            state = page.evaluate(STATE)
+            eye = vis.sphere.center + np.array(state["eye"]) * vis.model_radius
+            answer = vis.visible_faces(eye)
+            assert state["drawn"] == len(answer)
+            assert page.text_content("[data-figure=drawn]") == f"{len(answer):,}"
+            camera = vis.framing.with_resolution((510, 480)).cameras([direction])[0]
+            ids = scene.render(camera).ids
+            seen = ids != cyc.BACKGROUND
+            # Two rasterisers may differ along silhouettes: in at most the pixels that have the background beside them.
+            edge = seen[1:] ^ seen[:-1]
+            assert abs(state["missed"]["covered"] - seen.sum()) <= edge.sum()
+            lost = ~np.isin(ids[seen], answer)
+            assert abs(state["missed"]["missed"] - lost.sum()) <= edge.sum()
+
+
+def test_the_eye_stays_while_the_view_turns(gear, running, tmp_path):
+    scene, vis = gear
+    viewer.write_page(vis, scene, tmp_path / "gear.html")
+    with page_of(running, (tmp_path / "gear.html").as_uri()) as page:
+        page.wait_for_function(f"window.cyclorama && {STATE}.missed", timeout=60_000)
+        before = page.evaluate(STATE)
+        page.uncheck("[name=follow]")
+        picture = page.screenshot()
+        page.focus("canvas")
+        for _ in range(10):
+            page.keyboard.press("ArrowRight")
+        page.wait_for_timeout(300)
+        assert page.evaluate(STATE) == before
+        assert page.screenshot() != picture
+        page.check("[name=follow]")
+        page.wait_for_timeout(300)
+        assert page.evaluate(STATE)["eye"] != before["eye"]
+
+
+def test_backdrops_of_a_plan_are_shown(running, tmp_path):
+    scene = cyc.scenes.pipes(2_000)
+    plan = cyc.place_images(scene, budget=1_600, progress=False)
+    vis = cyc.bake(scene, views=6, resolution=(64, 60), progress=False)
+    viewer.write_page(vis, scene, tmp_path / "pipes.html", plan=plan)
+    with page_of(running, (tmp_path / "pipes.html").as_uri()) as page:
+        page.wait_for_function(f"window.cyclorama && {STATE}.missed", timeout=60_000)
+        assert page.is_visible("[name=backdrops]") == (len(plan.images) > 0)
+        assert not page.is_visible("[name=patches]")
+
+
+def test_a_widget_has_the_same_content(gear, scripts):
+    need("anywidget")
+    scene, vis = gear
+    shown = viewer.widget(vis, scene, height=300)
+    assert shown.height == 300 and "export" in shown._esm and shown.data.startswith(b'{"values"')
+
+
+@pytest.mark.parametrize("sizes", [(0,), (1, 7, 8), (9, 100, 3)])
+def test_packed_arrays_can_be_found_again(sizes):
+    import json
+
+    rng = np.random.default_rng(0)
+    kinds = [np.uint8, np.uint32, np.float32]
+    arrays = {f"a{i}": rng.integers(0, 200, size).astype(kinds[i % 3]) for i, size in enumerate(sizes)}
+    packed = pack({"title": "é"}, arrays)
+    head = json.loads(packed[: packed.index(b"\n")])
+    assert head["values"] == {"title": "é"}
+    for entry in head["arrays"]:
+        assert entry["start"] % 8 == 0
+        found = np.frombuffer(packed, entry["dtype"], entry["length"], entry["start"])
+        np.testing.assert_array_equal(found, arrays[entry["name"]])
+    with pytest.raises(ValueError, match="x is float64"):
+        pack({}, {"x": np.zeros(1)})
+
+
+def test_another_scene_is_refused(gear, tmp_path):
+    _, vis = gear
+    with pytest.raises(ValueError, match="baked from a mesh of"):
+        viewer.write_page(vis, cyc.scenes.sphere(faces=80), tmp_path / "page.html")
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_command_finds_the_mesh_beside_the_file(gear, scripts, tmp_path, monkeypatch, capsys):
+    from cyclorama.cli import main
+
+    need("trimesh").creation.icosphere(subdivisions=1).export(tmp_path / "ball.ply")
+    scene = cyc.load(tmp_path / "ball.ply")
+    cyc.bake(scene, views=6, resolution=(64, 60), progress=False).save(tmp_path / "ball.npz")
+    monkeypatch.chdir(tmp_path)
+    assert main(["view", "ball.npz"]) == 0
+    assert (tmp_path / "ball.html").stat().st_size > 100_000
+    (tmp_path / "ball.ply").rename(tmp_path / "other.ply")
+    assert main(["view", "ball.npz"]) == 2
+    assert "give it with --mesh" in capsys.readouterr().err
