@@ -23,6 +23,7 @@ pub mod error;
 pub mod image;
 pub mod mesh;
 pub mod octree;
+pub mod panorama;
 pub mod patch;
 pub mod placement;
 pub mod render;

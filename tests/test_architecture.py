@@ -23,6 +23,7 @@ MAY_USE = {
     "image": {"mesh", "camera", "render", "adjacency"},
     "visibility": {"mesh", "camera", "render"},
     "octree": {"bounds", "mesh"},
+    "panorama": {"mesh", "camera", "render"},
     "placement": {"bounds", "mesh", "octree"},
 }
 

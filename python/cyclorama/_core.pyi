@@ -332,3 +332,44 @@ class Plan:
     def culled(self, index: int) -> npt.NDArray[np.uint32]: ...
     def images(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]: ...
     def angles(self, forward: tuple[float, float, float]) -> tuple[float, float]: ...
+
+_Slab = tuple[npt.NDArray[np.uint8], npt.NDArray[np.uint16], tuple[float, float]]
+
+@final
+class Panorama:
+    def __new__(cls, cylinder: bool, width: int, height: int, axes: npt.NDArray[np.float64]) -> Panorama: ...
+    def directions(self) -> npt.NDArray[np.float64]: ...
+    def places(self, directions: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]: ...
+    def render(
+        self,
+        mesh: Mesh,
+        eye: _Vector,
+        near: float,
+        far: float,
+        color: npt.NDArray[np.uint8],
+        range: npt.NDArray[np.float32],
+        ids: npt.NDArray[np.uint32],
+        colors: npt.NDArray[np.uint8] | None = None,
+        threads: int | None = None,
+    ) -> None: ...
+    def quads(
+        self,
+        disparity: npt.NDArray[np.float32],
+        tile: int,
+        tolerance: float,
+        step: float,
+        threads: int | None = None,
+    ) -> tuple[npt.NDArray[np.uint16], tuple[float, float], float]: ...
+    def view(
+        self,
+        references: list[tuple[_Vector, list[_Slab]]],
+        between: float,
+        camera: CameraArrays,
+        color: npt.NDArray[np.uint8],
+        disparity: npt.NDArray[np.float32],
+        threads: int | None = None,
+    ) -> None: ...
+
+def panorama_ranges(
+    mesh: Mesh, starts: npt.NDArray[np.float64], directions: npt.NDArray[np.float64]
+) -> npt.NDArray[np.float64]: ...

@@ -7,6 +7,7 @@ mod errors;
 mod interrupt;
 mod layered;
 mod octree;
+mod panorama;
 mod patch;
 mod placement;
 mod placement_paper;
@@ -23,6 +24,7 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     depth_mesh::register(m)?;
     layered::register(m)?;
     octree::register(m)?;
+    panorama::register(m)?;
     patch::register(m)?;
     placement_paper::register(m)?;
     placement::register(m)?;

@@ -73,6 +73,16 @@ fn engine(name: &str) -> PyResult<Engine> {
     }
 }
 
+/// Colours of the vertices or the faces of a mesh, or of neither.
+pub fn colors<'a>(mesh: &Mesh, colors: Option<&'a [[u8; 3]]>) -> PyResult<Colors<'a>> {
+    Ok(match colors {
+        None => Colors::Plain,
+        Some(c) if c.len() == mesh.positions().len() => Colors::Vertices(c),
+        Some(c) if c.len() == mesh.faces().len() => Colors::Faces(c),
+        Some(c) => return Err(PyValueError::new_err(format!("colors has {} rows", c.len()))),
+    })
+}
+
 #[pymethods]
 impl PyMesh {
     #[new]
@@ -164,12 +174,7 @@ impl PyMesh {
         let (picture, rest) = picture.as_slice_mut()?.as_chunks_mut::<3>();
         let colors = colors.as_ref().map(|c| rows_of::<3, _, _>("colors", c)).transpose()?;
         let mesh = self.0.mesh();
-        let colors = match colors {
-            None => Colors::Plain,
-            Some(c) if c.len() == mesh.positions().len() => Colors::Vertices(c),
-            Some(c) if c.len() == mesh.faces().len() => Colors::Faces(c),
-            Some(c) => return Err(PyValueError::new_err(format!("colors has {} rows", c.len()))),
-        };
+        let colors = self::colors(mesh, colors)?;
         if !rest.is_empty() {
             return Err(PyValueError::new_err("picture must have three channels"));
         }

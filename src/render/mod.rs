@@ -19,6 +19,7 @@ pub mod neighbours;
 pub mod pyramid;
 pub mod raster;
 pub mod raycast;
+pub mod rays;
 pub mod scene;
 pub mod seen;
 pub mod selection;

@@ -64,9 +64,15 @@ impl Hierarchy {
         Self { bvh }
     }
 
+    /// The nodes, the root first.
+    #[inline(always)]
+    pub(super) fn nodes(&self) -> &[Bvh2Node] {
+        &self.bvh.nodes
+    }
+
     /// The faces of a leaf.
     #[inline(always)]
-    fn faces(&self, node: &Bvh2Node) -> &[u32] {
+    pub(super) fn faces(&self, node: &Bvh2Node) -> &[u32] {
         let first = node.first_index as usize;
         &self.bvh.primitive_indices[first..first + node.prim_count as usize]
     }

@@ -21,6 +21,22 @@ pub enum Colors<'a> {
     Vertices(&'a [[u8; 3]]),
 }
 
+impl Colors<'_> {
+    /// The colour of a point of a face, given the weights of its corners there.
+    pub fn at(&self, mesh: &Mesh, face: usize, weights: [f64; 3]) -> [f64; 3] {
+        match self {
+            Colors::Plain => PLAIN.map(f64::from),
+            Colors::Faces(colors) => colors[face].map(f64::from),
+            Colors::Vertices(colors) => {
+                let corners = mesh.faces()[face];
+                [0, 1, 2].map(|channel| {
+                    (0..3).map(|i| weights[i] * f64::from(colors[corners[i] as usize][channel])).sum()
+                })
+            }
+        }
+    }
+}
+
 /// The colour of surfaces that have none.
 const PLAIN: [u8; 3] = [200, 200, 200];
 
@@ -72,17 +88,13 @@ fn lit(mesh: &Mesh, view: &View, face: usize, at: [f64; 2], colors: Colors<'_>) 
     let normal = (b - a).cross(c - a).normalize_or_zero();
     let direction = view.ray(at).1.normalize();
     let light = AMBIENT + (1.0 - AMBIENT) * normal.dot(direction).abs();
-    let color = match colors {
-        Colors::Plain => PLAIN.map(f64::from),
-        Colors::Faces(colors) => colors[face].map(f64::from),
-        Colors::Vertices(colors) => {
-            let corners = mesh.faces()[face];
+    let weights = match colors {
+        Colors::Plain | Colors::Faces(_) => [1.0 / 3.0; 3],
+        Colors::Vertices(_) => {
             let projected = view.project_face(mesh, face as u32);
-            let weights = Triangle::new(view, &projected).map_or([1.0 / 3.0; 3], |t| t.weights(at[0], at[1]));
-            [0, 1, 2].map(|channel| {
-                (0..3).map(|i| weights[i] * f64::from(colors[corners[i] as usize][channel])).sum()
-            })
+            Triangle::new(view, &projected).map_or([1.0 / 3.0; 3], |t| t.weights(at[0], at[1]))
         }
     };
-    color.map(|channel: f64| (channel * light).round().clamp(0.0, 255.0) as u8)
+    let color = colors.at(mesh, face, weights);
+    color.map(|channel| (channel * light).round().clamp(0.0, 255.0) as u8)
 }

@@ -1,0 +1,358 @@
+"""Making the folder of a walkthrough."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import os
+import shutil
+import tempfile
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from ..files import whole_file
+from ..fingerprint import fingerprint
+from ..progress import Progress, reporter
+from ..scene import Scene
+from .projection import Kind, Projection
+from .renderers import BuiltIn, Layer, Renderer, checked_layer
+from .slabs import checked_slabs, find_slabs
+from .store import FORMAT, MANIFEST, VIEW, Slab, Store, read_manifest
+from .tiles import ACROSS, Codec, check_codec, encode, tile_numbers
+from .track import Track
+
+__all__ = ["bake", "slab_of"]
+
+Method = Literal["exact", "paper"]
+
+# Slabs are rendered beyond their ends by this share of their range.
+_OVERLAP = 0.02
+# A gap between neighbouring pixels that opens by so many pixels at most, seen from the next reference, is closed.
+_CLOSED = 1.0
+# The panoramas that slabs are found in have a pixel for so many of the others, each way.
+_COARSE = 8
+
+
+def bake(
+    scene: Scene | Renderer,
+    track: Track | npt.ArrayLike,
+    slabs: int | Sequence[float] = 3,
+    size: tuple[int, int] = (4096, 1024),
+    projection: Kind = "cylinder",
+    tile: int = 32,
+    alpha: float = 1.0,
+    out: str | os.PathLike[str] = "walk",
+    *,
+    spacing: float | None = None,
+    places: npt.ArrayLike | None = None,
+    mesh_pixels: float = 0.25,
+    codec: Codec = "png",
+    background: tuple[int, int, int] = (255, 255, 255),
+    up: npt.ArrayLike = (0.0, 1.0, 0.0),
+    allow_outside: bool = False,
+    progress: Progress = None,
+) -> Store:
+    """Renders panoramas along a track and writes the folder of a walkthrough.
+
+    A bake that was stopped goes on where it ended when it is called again in the same way.
+
+    Parameters
+    ----------
+    scene : Scene or Renderer
+        What is looked at; a scene is drawn by `BuiltIn`.
+    track : Track or (N, 3) array_like of float
+    slabs : int or sequence of float
+        How many slabs (`find_slabs` says where they are cut), or the ranges between them, ascending.
+    size : (int, int)
+        Columns and rows of the panoramas, multiples of `tile`.
+    projection : {"cylinder", "equirect"}
+    tile : int
+        Pixels a side of a tile: a power of two.
+    alpha : float
+        A tile is dropped if so large a share of it is hidden: 1 drops what is never seen.
+    out : path
+        A folder; made if it isn't there.
+    spacing : float, optional
+        The largest distance between references, in the scene's units: a twentieth of the median range seen from the
+        track's ends and middle by default.
+    places : (R,) array_like of float, optional
+        Where references are, by shares of the track's length, instead: ascending, from 0 to 1.
+    mesh_pixels : float
+        How far, in pixels, quads may move a pixel, for an eye at the next reference.
+    codec : {"png", "webp"}
+        Both are lossless; WebP takes longer and fewer bytes.
+    background : (int, int, int)
+        Red, green, blue where nothing is.
+    up : (3,) array_like of float
+    allow_outside : bool
+        Whether the track may leave the scene's bounds.
+    progress : bool or callable, optional
+        A bar by default, where somebody watches; it counts references.
+
+    Returns
+    -------
+    Store
+
+    Raises
+    ------
+    ValueError
+        If an argument is bad, the track passes through a wall or leaves the scene, or the folder holds another
+        walkthrough, which stays as it is.
+    OSError
+        If a file can't be written (a disk that is full, say): what was whole stays whole.
+
+    Examples
+    --------
+    >>> import tempfile, cyclorama as cyc
+    >>> house = cyc.scenes.house(rooms=2)
+    >>> eye = (house.cells[0]["min"] + house.cells[0]["max"]) / 2
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     store = bake(house, [eye, eye + [0.2, 0, 0]], 2, (256, 64), spacing=0.2, out=folder, progress=False)
+    ...     len(store), len(store.slabs), store.panorama(0).shape
+    (2, 2, (64, 256, 4))
+    """
+    renderer = BuiltIn(scene) if isinstance(scene, Scene) else scene
+    if not isinstance(renderer, Renderer):
+        raise ValueError(f"scene must be a Scene or a Renderer, got {type(scene).__name__}")
+    rail = track if isinstance(track, Track) else Track(track)
+    panorama = Projection(projection, size, up=up)
+    _check_tile(tile, panorama)
+    check_codec(codec)
+    if not (math.isfinite(mesh_pixels) and mesh_pixels > 0):
+        raise ValueError(f"mesh_pixels must be positive, got {mesh_pixels}")
+    if not 0 < alpha <= 1:
+        raise ValueError(f"alpha must be above 0 and at most 1, got {alpha}")
+    if isinstance(renderer, BuiltIn):
+        rail.check(renderer.scene, allow_outside=allow_outside)
+    where = _places(rail, renderer, panorama, spacing, places)
+    cuts = _cuts(slabs, renderer, panorama, rail.at(where))
+    identity = {
+        "format": FORMAT,
+        **panorama.to_json(),
+        "track": rail.to_json(),
+        "track_length": rail.length,
+        "tile": tile,
+        "sector": ACROSS,
+        "codec": codec,
+        "slabs": [[near, None if math.isinf(far) else far] for near, far in cuts],
+        "overlap": _OVERLAP,
+        "culling": {"method": None, "alpha": alpha},
+        "mesh": {"pixels": mesh_pixels},
+        "background": [int(channel) for channel in background],
+        "made_by": _made_by(renderer),
+        "references": [{"t": float(t), "eye": eye.tolist()} for t, eye in zip(where, rail.at(where), strict=True)],
+    }
+    folder = Path(out)
+    manifest = _claim(folder, json.loads(json.dumps(identity)))
+    reach = _reach(rail, where)
+    missing = [index for index, entry in enumerate(manifest["references"]) if "folder" not in entry]
+    with reporter(progress, len(manifest["references"]), "references") as report:
+        for done, index in enumerate(missing, len(manifest["references"]) - len(missing)):
+            report(done)
+            entry = manifest["references"][index]
+            eye = np.array(entry["eye"])
+            made = [
+                slab_of(renderer, panorama, eye, near, far, tile, mesh_pixels, float(reach[index]))
+                for near, far in cuts
+            ]
+            entry.update(_write(folder, f"{index:04d}", made, tile, codec))
+            manifest["complete"] = all("folder" in other for other in manifest["references"])
+            _put(folder / MANIFEST, manifest)
+        report(len(manifest["references"]))
+    return Store(folder)
+
+
+def slab_of(
+    renderer: Renderer,
+    panorama: Projection,
+    eye: npt.NDArray[np.float64],
+    near: float,
+    far: float,
+    tile: int,
+    mesh_pixels: float,
+    reach: float,
+) -> Slab:
+    """Renders a slab and finds its quads, for eyes up to `reach` away."""
+    start, end = near * (1 - _OVERLAP), far * (1 + _OVERLAP)
+    layer = checked_layer(renderer.render(eye, panorama, start, end), panorama, start, end)
+    pixels = np.zeros((*panorama.shape, 4), np.uint8)
+    pixels[layer.opacity, :3] = layer.color[layer.opacity]
+    pixels[layer.opacity, 3] = 255
+    pixel = 1.0 / (panorama.focal * max(reach, 1e-300))
+    quads, limits, error = panorama.kernel.quads(disparity_of(layer), tile, mesh_pixels * pixel, _CLOSED * pixel)
+    return Slab(pixels, quads, limits, error, _filled(layer.opacity, tile))
+
+
+def disparity_of(layer: Layer) -> npt.NDArray[np.float32]:
+    """(H, W) 1 / range, 0 where nothing is."""
+    disparity = np.zeros(layer.range.shape, np.float32)
+    np.divide(1.0, layer.range, out=disparity, where=layer.opacity)
+    return disparity
+
+
+def _filled(opacity: npt.NDArray[np.bool_], tile: int) -> npt.NDArray[np.bool_]:
+    """The tiles that have something in them."""
+    height, width = opacity.shape
+    return np.asarray(opacity.reshape(height // tile, tile, width // tile, tile).any(axis=(1, 3)))
+
+
+def _check_tile(tile: int, panorama: Projection) -> None:
+    if not isinstance(tile, int) or tile < 4 or tile & (tile - 1):
+        raise ValueError(f"tile must be a power of two of at least 4, got {tile!r}")
+    if panorama.width % tile or panorama.height % tile:
+        raise ValueError(f"size must be multiples of tile={tile}, got {panorama.width} x {panorama.height}")
+
+
+def _coarse(panorama: Projection) -> Projection:
+    return panorama.resized(max(8, panorama.width // _COARSE), max(8, panorama.height // _COARSE))
+
+
+def _seen(
+    renderer: Renderer, panorama: Projection, eyes: npt.NDArray[np.float64]
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Ranges of all that is seen from some eyes, and solid angles."""
+    coarse = _coarse(panorama)
+    weights = np.broadcast_to(coarse.solid_angles(), coarse.shape)
+    ranges, masses = [], []
+    for eye in eyes:
+        layer = renderer.render(eye, coarse, 0.0, math.inf)
+        ranges.append(layer.range[layer.opacity].astype(np.float64))
+        masses.append(weights[layer.opacity])
+    return np.concatenate(ranges), np.concatenate(masses)
+
+
+def _places(
+    rail: Track,
+    renderer: Renderer,
+    panorama: Projection,
+    spacing: float | None,
+    places: npt.ArrayLike | None,
+) -> npt.NDArray[np.float64]:
+    if places is not None:
+        if spacing is not None:
+            raise ValueError("give spacing or places, not both")
+        where = np.asarray(places, dtype=np.float64)
+        if where.ndim != 1 or len(where) < 2 or where[0] != 0 or where[-1] != 1 or not (np.diff(where) > 0).all():
+            raise ValueError(f"places must ascend from 0 to 1, got {where.tolist()}")
+        return where
+    if spacing is None:
+        ranges, masses = _seen(renderer, panorama, rail.at([0.0, 0.5, 1.0]))
+        if not len(ranges):
+            raise ValueError("nothing is seen from the track: is it outside the scene?")
+        order = np.argsort(ranges)
+        total = np.cumsum(masses[order])
+        spacing = 0.05 * float(ranges[order][np.searchsorted(total, 0.5 * total[-1])])
+    return rail.spaced(spacing)
+
+
+def _cuts(
+    slabs: int | Sequence[float], renderer: Renderer, panorama: Projection, eyes: npt.NDArray[np.float64]
+) -> list[tuple[float, float]]:
+    if isinstance(slabs, int):
+        if slabs == 1:
+            return checked_slabs([])
+        ranges, masses = _seen(renderer, panorama, eyes)
+        return checked_slabs(find_slabs(ranges, slabs, masses))
+    return checked_slabs(slabs)
+
+
+def _reach(rail: Track, where: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """How far from each reference an eye is that uses it."""
+    eyes = rail.at(where)
+    reach = np.zeros(len(where))
+    for index, (start, end) in enumerate(pairwise(where)):
+        along = rail.between(start, end)
+        for place in (index, index + 1):
+            reach[place] = max(reach[place], float(np.linalg.norm(along - eyes[place], axis=1).max()))
+    return reach
+
+
+def _made_by(renderer: Renderer) -> dict[str, Any]:
+    said: dict[str, Any] = {"renderer": type(renderer).__name__}
+    if isinstance(renderer, BuiltIn):
+        said["scene"] = fingerprint(renderer.scene)
+        said["textured"] = renderer.texture is not None
+    return said
+
+
+def _claim(folder: Path, identity: dict[str, Any]) -> dict[str, Any]:
+    """The manifest of a folder: a new one, or the one of the same bake that is there."""
+    folder.mkdir(parents=True, exist_ok=True)
+    if not (folder / MANIFEST).exists():
+        if any(not path.name.endswith(".part") for path in folder.iterdir()):
+            raise ValueError(f"{folder} has other files in it: bake into a folder of its own")
+        manifest = {**identity, "complete": False}
+        _put(folder / MANIFEST, manifest)
+        return manifest
+    found = read_manifest(folder)
+    for key, wanted in identity.items():
+        there = found.get(key)
+        if key == "references":
+            there = [{"t": entry["t"], "eye": entry["eye"]} for entry in found[key]]
+        if there != wanted:
+            raise ValueError(
+                f"{folder} has a walkthrough of another {key}: {there!r}, not {wanted!r}; bake into another folder, "
+                "or delete this one"
+            )
+    return found
+
+
+def _put(path: Path, content: dict[str, Any]) -> None:
+    with whole_file(path) as file:
+        file.write(json.dumps(content, indent=1).encode())
+
+
+def _write(folder: Path, name: str, slabs: list[Slab], tile: int, codec: Codec) -> dict[str, Any]:
+    """Writes the folder of a reference beside and renames it; what the manifest says of it."""
+    beside = Path(tempfile.mkdtemp(dir=folder, prefix=name, suffix=".part"))
+    try:
+        said = {"slabs": [_write_slab(beside, index, slab, tile, codec) for index, slab in enumerate(slabs)]}
+        content = json.dumps(said).encode()
+        (beside / VIEW).write_bytes(content)
+        total = sum(path.stat().st_size for path in beside.iterdir())
+        os.chmod(beside, 0o755)
+        if (folder / name).exists():
+            # Drawn by a bake that was stopped before it could say so.
+            shutil.rmtree(folder / name)
+        os.replace(beside, folder / name)
+    except BaseException:
+        shutil.rmtree(beside, ignore_errors=True)
+        raise
+    return {"folder": name, "bytes": total, "sha256": hashlib.sha256(content).hexdigest()}
+
+
+def _write_slab(folder: Path, index: int, slab: Slab, tile: int, codec: Codec) -> dict[str, Any]:
+    shape = slab.pixels.shape[:2]
+    across = shape[1] // tile
+    owners = slab.quads[:, 1].astype(np.int64) // tile * across + slab.quads[:, 0] // tile
+    kept = slab.tiles.ravel()
+    sectors = []
+    for sector in range(-(-across // ACROSS)):
+        numbers = tile_numbers(shape, tile, sector)
+        numbers = numbers[kept[numbers]]
+        if not len(numbers):
+            continue
+        picture, packed = encode(slab.pixels, slab.quads[np.isin(owners, numbers)], numbers, tile, codec)
+        entry: dict[str, Any] = {"sector": sector, "tiles": numbers.tolist()}
+        for kind, content, suffix in (("image", picture, codec), ("quads", packed, "quads.gz")):
+            file = f"slab{index}-{sector:02d}.{suffix}"
+            (folder / file).write_bytes(content)
+            entry |= {
+                kind: file,
+                f"{kind}_bytes": len(content),
+                f"{kind}_sha256": hashlib.sha256(content).hexdigest(),
+            }
+        sectors.append(entry)
+    return {
+        "disparity": list(slab.disparity),
+        "error": slab.error,
+        "empty": int(np.count_nonzero(~_filled(slab.pixels[..., 3] > 0, tile))),
+        "culled": int(np.count_nonzero(_filled(slab.pixels[..., 3] > 0, tile) & ~slab.tiles)),
+        "sectors": sectors,
+    }

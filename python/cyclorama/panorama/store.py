@@ -1,0 +1,329 @@
+"""The folder of a walkthrough: what is in it, and reading it.
+
+``manifest.json``
+    ``format``: "cyclorama walk 1". ``complete``: whether the bake came to its end.
+    ``projection``, ``size``, ``axes``: of the panoramas; rows of `axes` are right, up and back (see `Projection`).
+    ``track``: ``points``, ``spline``, ``closed`` (see `Track`); ``track_length``.
+    ``tile``: pixels a side. ``codec``: "png" or "webp". ``sector``: columns of tiles in a sector.
+    ``slabs``: [nearest, farthest] range of each, nearest slab first; the last one's farthest is null: no end. Renders
+    reach over both ends by a share of ``overlap``, so that a surface which two slabs cut leaves no gap.
+    ``culling``: ``method`` ("exact", "paper" or null) and ``alpha``.
+    ``mesh``: ``pixels``, how far in pixels of the panorama a quad may move a pixel, for an eye at the next reference.
+    ``background``: red, green, blue where nothing is. ``made_by``: what drew it.
+    ``references``: one entry a reference viewpoint, in the order of the track: ``t`` (0 to 1), ``eye``; and once it is
+    drawn ``folder``, ``bytes``, ``sha256`` (of ``view.json`` in it).
+
+``0000/view.json`` (a folder a reference)
+    ``slabs``: one entry each: ``disparity``, [low, high] that the steps 0 and 65535 of quads stand for; ``error``, the
+    greatest distance of a quad from what was rendered, in disparity; ``empty``, ``culled``: how many tiles were left
+    out because nothing is in them, and because the track never sees it; ``sectors``: one entry for each that has
+    tiles: ``sector``, ``tiles`` (their numbers, by rows of the panorama), ``image`` and ``quads`` (names of files, see
+    `cyclorama.panorama.tiles`), with ``image_bytes``, ``quads_bytes``, ``image_sha256``, ``quads_sha256``.
+
+A reference's folder is written beside and renamed, so it is whole or not there.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import os
+import threading
+from collections import OrderedDict
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..archives import UNREADABLE, check_format
+from .projection import Projection
+from .tiles import decode
+from .track import Track
+
+__all__ = ["FORMAT", "MANIFEST", "VIEW", "Entry", "Reference", "Slab", "Store", "read_manifest"]
+
+FORMAT = "cyclorama walk 1"
+MANIFEST = "manifest.json"
+VIEW = "view.json"
+
+Pixels = npt.NDArray[np.uint8]
+Quads = npt.NDArray[np.uint16]
+Mask = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Slab:
+    """A slab of a reference viewpoint, in memory.
+
+    Attributes
+    ----------
+    pixels : (H, W, 4) ndarray of uint8
+        Red, green, blue, and opacity: 0 or 255.
+    quads : (N, 7) ndarray of uint16
+        See `cyclorama.panorama.tiles`.
+    disparity : (float, float)
+        What the first and the last step of the quads' corners stand for.
+    error : float
+        How far, in disparity, a quad may be from what was rendered.
+    tiles : (H / tile, W / tile) ndarray of bool
+        Those that are kept.
+    """
+
+    pixels: Pixels
+    quads: Quads
+    disparity: tuple[float, float]
+    error: float
+    tiles: Mask
+
+
+@dataclass(frozen=True)
+class Reference:
+    """A reference viewpoint: its position, and its slabs, nearest first."""
+
+    eye: npt.NDArray[np.float64]
+    slabs: tuple[Slab, ...]
+
+    def panorama(self) -> Pixels:
+        """(H, W, 4) the slabs composed front to back: what the viewpoint itself sees."""
+        composed = np.zeros_like(self.slabs[0].pixels)
+        for slab in self.slabs:
+            free = (composed[..., 3] == 0) & (slab.pixels[..., 3] > 0)
+            composed[free] = slab.pixels[free]
+        return composed
+
+    @property
+    def memory(self) -> int:
+        """Bytes that it takes."""
+        return sum(slab.pixels.nbytes + slab.quads.nbytes for slab in self.slabs)
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A reference viewpoint of a manifest.
+
+    Attributes
+    ----------
+    t : float
+        Where on the track, 0 to 1.
+    eye : (3,) ndarray
+    folder : str or None
+        None until it is drawn.
+    bytes : int
+        Of all its files.
+    """
+
+    t: float
+    eye: npt.NDArray[np.float64]
+    folder: str | None
+    bytes: int
+
+
+def read_manifest(folder: str | os.PathLike[str]) -> dict[str, Any]:
+    """The manifest of a folder.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is none.
+    ValueError
+        If it is cut off, damaged, or of another version.
+    """
+    path = Path(folder) / MANIFEST
+    try:
+        found = json.loads(path.read_bytes())
+        check_format(found, FORMAT)
+        for key in ("projection", "size", "axes", "track", "tile", "slabs", "references", "complete"):
+            found[key]
+    except FileNotFoundError:
+        raise FileNotFoundError(f"{path} is not there: bake(..., out={os.fspath(folder)!r}) makes it") from None
+    except UNREADABLE as error:
+        raise ValueError(f"{path} is not a whole manifest of a walkthrough: {error}") from error
+    return dict(found)
+
+
+class Store:
+    """A walkthrough that `bake` wrote.
+
+    Parameters
+    ----------
+    folder : path
+    memory : int
+        Bytes of decoded references to keep; at least two are kept whatever they take.
+
+    Attributes
+    ----------
+    manifest : dict
+        See the module.
+    track : Track
+    projection : Projection
+    tile : int
+    slabs : list of (float, float)
+        Nearest and farthest range of each.
+    references : list of Entry
+
+    Raises
+    ------
+    FileNotFoundError
+        If the folder has no manifest.
+    ValueError
+        If the manifest is cut off, damaged or of another version, or the bake didn't come to its end.
+    """
+
+    def __init__(self, folder: str | os.PathLike[str], *, memory: int = 1 << 30) -> None:
+        self.folder = Path(folder)
+        self.manifest = read_manifest(folder)
+        if not self.manifest["complete"]:
+            drawn = sum("folder" in entry for entry in self.manifest["references"])
+            raise ValueError(
+                f"{self.folder} is not finished: {drawn} of {len(self.manifest['references'])} references are drawn; "
+                "the same bake goes on where it ended"
+            )
+        try:
+            track = self.manifest["track"]
+            self.track = Track(track["points"], spline=track["spline"], closed=track["closed"])
+            self.projection = Projection(
+                self.manifest["projection"], self.manifest["size"], up=self.manifest["axes"][1]
+            )
+            self.tile = int(self.manifest["tile"])
+            self.background = tuple(int(channel) for channel in self.manifest["background"])
+            self.slabs = [(float(a), math.inf if b is None else float(b)) for a, b in self.manifest["slabs"]]
+            self.references = [
+                Entry(float(e["t"]), np.array(e["eye"], np.float64), e.get("folder"), int(e.get("bytes", 0)))
+                for e in self.manifest["references"]
+            ]
+            if not np.allclose(self.projection.axes, self.manifest["axes"], atol=1e-9):
+                raise ValueError("its axes are not those of its up direction")
+        except UNREADABLE as error:
+            raise ValueError(f"{self.folder / MANIFEST} is not a whole manifest of a walkthrough: {error}") from error
+        _check_order(self.slabs, self.references, self.folder / MANIFEST)
+        self._memory = memory
+        self._kept: OrderedDict[int, Reference] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def __repr__(self) -> str:
+        return (
+            f"<Store: {len(self.references)} references, {len(self.slabs)} slabs, "
+            f"{self.projection.width} x {self.projection.height}, {self.bytes:,} bytes>"
+        )
+
+    def __len__(self) -> int:
+        """Number of references."""
+        return len(self.references)
+
+    @property
+    def bytes(self) -> int:
+        """Bytes of all files but the manifest."""
+        return sum(entry.bytes for entry in self.references)
+
+    def describe(self, index: int) -> dict[str, Any]:
+        """The `view.json` of a reference: see the module.
+
+        Raises
+        ------
+        ValueError
+            If it is missing, cut off or not the one that the manifest names.
+        """
+        entry = self.manifest["references"][index]
+        path = self.folder / str(entry["folder"]) / VIEW
+        content = _read(path, entry["sha256"])
+        try:
+            return dict(json.loads(content))
+        except UNREADABLE as error:
+            raise ValueError(f"{path} is not whole: {error}") from error
+
+    def reference(self, index: int) -> Reference:
+        """A reference viewpoint with its slabs, from memory or from its files.
+
+        Raises
+        ------
+        ValueError
+            If a file is missing, cut off, damaged, or not the one that was written.
+        """
+        with self._lock:
+            if index in self._kept:
+                self._kept.move_to_end(index)
+                return self._kept[index]
+        found = self._load(index)
+        with self._lock:
+            self._kept[index] = found
+            while len(self._kept) > 2 and sum(kept.memory for kept in self._kept.values()) > self._memory:
+                self._kept.popitem(last=False)
+        return found
+
+    def _load(self, index: int) -> Reference:
+        entry, said = self.references[index], self.describe(index)
+        where = self.folder / str(entry.folder)
+        height, width = self.projection.shape
+        slabs = []
+        for slab in said["slabs"]:
+            pixels = np.zeros((height, width, 4), np.uint8)
+            kept = np.zeros((height // self.tile) * (width // self.tile), np.bool_)
+            quads = [np.zeros((0, 7), np.uint16)]
+            for sector in slab["sectors"]:
+                numbers = np.array(sector["tiles"], np.int64)
+                picture = _read(where / sector["image"], sector["image_sha256"])
+                packed = _read(where / sector["quads"], sector["quads_sha256"])
+                quads.append(decode(picture, packed, numbers, self.tile, pixels, str(where / sector["image"])))
+                kept[numbers] = True
+            low, high = slab["disparity"]
+            slabs.append(
+                Slab(
+                    pixels,
+                    np.concatenate(quads),
+                    (float(low), float(high)),
+                    float(slab["error"]),
+                    kept.reshape(height // self.tile, width // self.tile),
+                )
+            )
+        return Reference(entry.eye, tuple(slabs))
+
+    def panorama(self, index: int) -> Pixels:
+        """(H, W, 4) uint8: what a reference sees, its slabs composed front to back; opacity 0 where nothing is."""
+        return self.reference(index).panorama()
+
+    def beside(self, t: float) -> tuple[int, int, float]:
+        """The references before and after a place of the track, and how far between them it is.
+
+        Returns
+        -------
+        (int, int, float)
+            The share is 0 at the first and below 1; at the last reference both are the last one.
+
+        Raises
+        ------
+        ValueError
+            If `t` isn't from 0 to 1.
+        """
+        if not 0 <= t <= 1:
+            raise ValueError(f"t must be from 0 to 1, got {t}")
+        places = np.array([entry.t for entry in self.references])
+        first = int(np.clip(np.searchsorted(places, t, side="right") - 1, 0, len(places) - 1))
+        if first == len(places) - 1:
+            return first, first, 0.0
+        return first, first + 1, float((t - places[first]) / (places[first + 1] - places[first]))
+
+
+def _check_order(slabs: list[tuple[float, float]], references: list[Entry], path: Path) -> None:
+    for index, ((_, end), (start, _)) in enumerate(pairwise(slabs)):
+        if end != start:
+            raise ValueError(f"{path}: slab {index} ends at {end}, slab {index + 1} begins at {start}: out of order")
+    if any(not near < far for near, far in slabs) or not slabs:
+        raise ValueError(f"{path}: slabs are out of order: {slabs}")
+    places = [entry.t for entry in references]
+    if not places or sorted(set(places)) != places:
+        raise ValueError(f"{path}: references are out of order: {places}")
+
+
+def _read(path: Path, digest: str) -> bytes:
+    """A file whose checksum is known."""
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise ValueError(f"{path} can't be read: {error.strerror}; bake again to make it anew") from error
+    if hashlib.sha256(content).hexdigest() != digest:
+        raise ValueError(f"{path} is not the file that was written ({len(content)} bytes): its checksum differs")
+    return content

@@ -1,0 +1,125 @@
+"""Tiles of a slab as files: pictures that anything opens, and quads beside them.
+
+The tiles of a panorama come in *sectors*, upright stripes of 8 columns of tiles: what a view to one side needs. A
+sector of a slab is two files. The picture (PNG, or lossless WebP) holds the tiles that are kept, in the order of
+their numbers, 8 in a row, each with a border of one pixel, which belongs to its neighbours: so bilinear look-ups in a
+cell are those in the panorama. Red, green, blue, and an opacity of 0 or 255; what is transparent is black. The quads
+are little-endian uint16 by 7s, compressed by gzip: column and row of the upper left pixel in the panorama, pixels a
+side, and the disparity of each corner (upper left, upper right, lower left, lower right) in steps of the slab's range
+of disparities.
+"""
+
+from __future__ import annotations
+
+import gzip
+import io
+import zlib
+from typing import Literal, get_args
+
+import numpy as np
+import numpy.typing as npt
+
+__all__ = ["ACROSS", "Codec", "check_codec", "decode", "encode", "tile_numbers"]
+
+Pixels = npt.NDArray[np.uint8]
+Quads = npt.NDArray[np.uint16]
+
+Codec = Literal["png", "webp"]
+
+#: Columns of tiles in a sector, and cells in a row of its picture.
+ACROSS = 8
+
+
+def check_codec(codec: str) -> None:
+    """Refuses a codec that isn't one, or that can't be written here.
+
+    Raises
+    ------
+    ValueError, ImportError
+    """
+    if codec not in get_args(Codec):
+        raise ValueError(f"codec must be 'png' or 'webp', got {codec!r}")
+    try:
+        from PIL import features
+    except ImportError as error:
+        raise ImportError("panoramas are written by Pillow: pip install 'cyclorama[mesh]'") from error
+    if codec == "webp" and not features.check("webp"):
+        raise ValueError("codec='webp' needs a Pillow that was built with WebP: codec='png' always works")
+
+
+def tile_numbers(shape: tuple[int, int], tile: int, sector: int) -> npt.NDArray[np.int64]:
+    """The numbers of a sector's tiles, ascending; tiles are numbered by rows of the panorama of (H, W) pixels.
+
+    Examples
+    --------
+    >>> tile_numbers((64, 512), 32, 1)
+    array([ 8,  9, 10, 11, 12, 13, 14, 15, 24, 25, 26, 27, 28, 29, 30, 31])
+    """
+    across = shape[1] // tile
+    columns = np.arange(sector * ACROSS, min((sector + 1) * ACROSS, across))
+    return (np.arange(shape[0] // tile)[:, None] * across + columns).ravel()
+
+
+def encode(pixels: Pixels, quads: Quads, tiles: npt.NDArray[np.int64], tile: int, codec: Codec) -> tuple[bytes, bytes]:
+    """The files of some tiles: picture and quads.
+
+    Parameters
+    ----------
+    pixels : (H, W, 4) ndarray of uint8
+        The slab.
+    quads : (N, 7) ndarray of uint16
+        Those of the tiles.
+    tiles : (K,) ndarray of int
+        Numbers of the tiles, ascending.
+    tile : int
+        Pixels a side.
+    codec : {"png", "webp"}
+    """
+    from PIL import Image
+
+    cell = tile + 2
+    rows = -(-len(tiles) // ACROSS)
+    atlas = np.zeros((rows * cell, ACROSS * cell, 4), np.uint8)
+    across = pixels.shape[1] // tile
+    beside = np.arange(-1, tile + 1)
+    for index, number in enumerate(tiles):
+        y, x = number // across * tile + beside, number % across * tile + beside
+        block = pixels[np.clip(y, 0, len(pixels) - 1)[:, None], x % pixels.shape[1]]
+        top, left = index // ACROSS * cell, index % ACROSS * cell
+        atlas[top : top + cell, left : left + cell] = block
+    atlas[atlas[..., 3] == 0] = 0
+    picture = io.BytesIO()
+    image = Image.fromarray(atlas)
+    if codec == "png":
+        image.save(picture, "PNG", compress_level=6)
+    else:
+        image.save(picture, "WEBP", lossless=True, quality=30, method=2, exact=True)
+    packed = gzip.compress(np.ascontiguousarray(quads, dtype="<u2").tobytes(), compresslevel=6, mtime=0)
+    return picture.getvalue(), packed
+
+
+def decode(picture: bytes, packed: bytes, tiles: npt.NDArray[np.int64], tile: int, pixels: Pixels, what: str) -> Quads:
+    """Puts the tiles of a picture into a slab's pixels, and gives their quads.
+
+    Raises
+    ------
+    ValueError
+        If a file is cut off, damaged or something else.
+    """
+    from PIL import Image
+
+    cell = tile + 2
+    try:
+        with Image.open(io.BytesIO(picture)) as image:
+            atlas = np.asarray(image.convert("RGBA"))
+        values = np.frombuffer(gzip.decompress(packed), dtype="<u2").astype(np.uint16)
+    except (OSError, EOFError, ValueError, SyntaxError, zlib.error) as error:
+        raise ValueError(f"{what} is not whole: {error}") from error
+    if atlas.shape != (-(-len(tiles) // ACROSS) * cell, ACROSS * cell, 4) or len(values) % 7:
+        raise ValueError(f"{what} is of another size than its list of tiles says: {atlas.shape}, {len(values)} numbers")
+    across = pixels.shape[1] // tile
+    for index, number in enumerate(tiles):
+        y, x = number // across * tile, number % across * tile
+        top, left = index // ACROSS * cell + 1, index % ACROSS * cell + 1
+        pixels[y : y + tile, x : x + tile] = atlas[top : top + tile, left : left + tile]
+    return values.reshape(-1, 7)
