@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -45,6 +46,16 @@ def test_a_door_shows_what_lies_behind_it(two_rooms: Building) -> None:
     assert two_rooms.cells_seen(looking([0.6, 0.5, 0.5], [2, 0.5, 0.5])) == [0, 1, None]
     assert two_rooms.cells_seen(looking([0.6, 0.5, 0.5], [0, 0.5, 0.5])) == [0]
     assert set(two_rooms.visible(looking([1.1, 0.5, 0.5], [2, 0.5, 0.6])) // 2) == {1, 2, 3}
+
+
+def test_what_is_shut_ends_views_that_come_in(two_rooms: Building) -> None:
+    cells = [two_rooms.cells[0], replace(two_rooms.cells[1], shut=True)]
+    shut = Building(two_rooms.scene, cells, two_rooms.portals)
+    assert shut.cells_seen(looking([0.6, 0.5, 0.5], [2, 0.5, 0.5])) == [0, 1]
+    assert shut.cells_seen(looking([3, 0.5, 0.5], [0, 0.5, 0.5])) == [None, 1]
+    assert shut.cells_seen(looking([1.1, 0.5, 0.5], [2, 0.5, 0.5])) == [1, None]
+    with pytest.raises(ValueError, match=r"shut must be true or false, got 1"):
+        Building(two_rooms.scene, [{"min": [0, 0, 0], "max": [1, 1, 1], "shut": 1}], [])
 
 
 def test_an_eye_in_a_door_sees_both_rooms(two_rooms: Building) -> None:
@@ -115,6 +126,8 @@ def test_no_visible_face_is_lost_in_a_real_house(data, real_scene) -> None:
     assert {"Flur", "Wohnen", "Galerie", "passage Innentuer-1"} <= names
     rooms = inside(house, 120, 0)
     assert lost(house, rooms, (0, 0, 1), 0) == (0, 0)
+    # On both sides of the panes of its windows.
+    assert lost(house, inside(house, 40, 1, "window"), (0, 0, 1), 1) == (0, 0)
     drawn = [len(house.visible(looking(list(eye), list(eye + (1, 0, 0))))) for eye in rooms[:20]]
     assert np.mean(drawn) < 0.1 * len(scene)
 

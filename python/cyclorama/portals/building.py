@@ -31,7 +31,7 @@ class Building:
     cells : sequence of mapping or Cell
         Each has a ``name``, and ``min`` and ``max`` (3,) of its box or the ``vertices`` (V, 3) and ``faces`` (T, 3) of
         its closed surface. No two may overlap; they need not fill the building, but what is seen is what can be reached
-        from cell to cell.
+        from cell to cell. With ``shut`` true nothing is seen through it, as where a window's pane is in it.
     portals : sequence of mapping or Portal
         Each has a ``polygon`` (N, 3), flat and convex, and ``cells`` [a, b], the indices of the cells on both sides; b
         is None outdoors.
@@ -82,8 +82,9 @@ class Building:
         path : path-like
             Either ``{"cells": [...], "portals": [...]}`` as the constructor takes them, with null for outdoors; or a
             building model: ``spaces`` (rooms with ``vertices`` and ``faces``), ``doors`` and ``opening_boxes``
-            (``aabb_min``, ``aabb_max``). Of these, an opening with a door, or between two rooms, becomes a passage, a
-            cell of its own with a portal at each end, and rooms that touch without a wall get a portal there.
+            (``aabb_min``, ``aabb_max``), and ``windows`` of the same kind, whose panes let nothing through. Of these, an
+            opening becomes a passage, a cell of its own with a portal at each end, and rooms that touch without a wall
+            get a portal there.
         scene : Scene
             The building.
 
@@ -174,8 +175,10 @@ class Building:
         for place in places:
             yield from self._views(place, cone, crossed)
 
-    def _views(self, place: int, cone: Cone, used: frozenset[int]) -> Iterator[tuple[int, Cone]]:
+    def _views(self, place: int, cone: Cone, used: frozenset[int], entered: bool = False) -> Iterator[tuple[int, Cone]]:
         yield place, cone
+        if entered and place < len(self.cells) and self.cells[place].shut:
+            return
         for index in self._doors[place]:
             if index in used:
                 continue
@@ -184,7 +187,7 @@ class Building:
             narrower = cone.through(opening) if len(opening) >= 3 else None
             if narrower is not None:
                 first, second = (len(self.cells) if side is None else side for side in portal.cells)
-                yield from self._views(second if first == place else first, narrower, used | {index})
+                yield from self._views(second if first == place else first, narrower, used | {index}, True)
 
     def _places(self, eye: Floats) -> tuple[list[int], frozenset[int]]:
         """Where an eye is: a cell, or the sides of the portals that it is in; and those portals."""

@@ -30,12 +30,15 @@ class Cell:
         The box around it.
     triangles : (T, 3, 3) ndarray of float64 or None
         Its closed surface; None if it is the whole box.
+    shut : bool
+        Whether something in it, as the pane of a window, ends every view that comes in: only an eye in it looks out.
     """
 
     name: str
     low: Floats
     high: Floats
     triangles: Floats | None = None
+    shut: bool = False
 
     def holds(self, point: Floats, slack: float = 0.0) -> bool:
         """Whether a point lies inside, or in the box within `slack` of it."""
@@ -70,7 +73,8 @@ def winding(triangles: Floats, point: Floats) -> float:
 
 
 def parse_cells(given: Sequence[Mapping[str, Any] | Cell]) -> list[Cell]:
-    """Checks cells given as dictionaries: ``name``, and ``min`` and ``max`` (3,) or ``vertices`` and ``faces``.
+    """Checks cells given as dictionaries: ``name``, and ``min`` and ``max`` (3,) or ``vertices`` and ``faces``;
+    and ``shut``.
 
     Raises
     ------
@@ -104,11 +108,14 @@ def _share_inside(a: Cell, b: Cell, low: Floats, high: Floats) -> bool:
 def _cell(index: int, given: Mapping[str, Any]) -> Cell:
     name = str(given.get("name", index))
     where = f"cells[{index}] ({name})"
+    shut = given.get("shut", False)
+    if not isinstance(shut, bool):
+        raise ValueError(f"{where}.shut must be true or false, got {shut!r}")
     if "min" in given and "max" in given:
         low, high = _numbers(f"{where}.min", given["min"], (3,)), _numbers(f"{where}.max", given["max"], (3,))
         for axis in np.flatnonzero(~(low < high)):
             raise ValueError(f"{where} is empty: min[{axis}] is {low[axis]}, max[{axis}] is {high[axis]}")
-        return Cell(name, low, high)
+        return Cell(name, low, high, None, shut)
     if "vertices" in given and "faces" in given:
         vertices = _numbers(f"{where}.vertices", given["vertices"], (None, 3))
         faces = np.asarray(given["faces"])
@@ -120,7 +127,7 @@ def _cell(index: int, given: Mapping[str, Any]) -> Cell:
         _, uses = np.unique(edges, axis=0, return_counts=True)
         if (uses % 2).any():
             raise ValueError(f"{where} is not closed: {int((uses % 2).sum())} of its edges end in the open")
-        return Cell(name, vertices.min(0), vertices.max(0), vertices[faces])
+        return Cell(name, vertices.min(0), vertices.max(0), vertices[faces], shut)
     raise ValueError(f"{where} needs min and max, or vertices and faces; it has {sorted(given)}")
 
 

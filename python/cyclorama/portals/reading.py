@@ -38,7 +38,8 @@ def _from_spaces(content: dict[str, Any]) -> tuple[list[Cell], list[Portal]]:
     """Rooms, doors and openings of a building model.
 
     An opening in a wall or slab is a cell of its own, with a portal at each end that leads to a room. Outdoors it leads
-    only where a door stands in it: a closed window ends it. Rooms that touch without a wall have a portal there.
+    through the door that stands in it, or through a window, which is shut: a cell of its own from its inner side to the
+    opening's outer end. An opening with neither ends there. Rooms that touch without a wall have a portal there.
     """
     cells = [_room(index, space) for index, space in enumerate(content["spaces"])]
     rooms = len(cells)
@@ -53,15 +54,20 @@ def _from_spaces(content: dict[str, Any]) -> tuple[list[Cell], list[Portal]]:
         name = f"passage {content['doors'][door]['name']}" if door is not None else f"opening {len(cells)}"
         axis = int(np.argmin(opening[1] - opening[0]))
         passage = len(cells)
+        cells.append(Cell(name, *opening))
         for end in range(2):
             cell, polygon = sides[2 * axis + end]
             if cell is not None or door is not None:
                 portals.append(Portal(polygon, (passage, cell)))
                 continue
-            for window in windows:
-                if _overlap(window, opening):
-                    opening[end][axis] = window[end][axis]
-        cells.append(Cell(name, *opening))
+            window = next((box for box in windows if _overlap(box, opening)), None)
+            if window is not None:
+                pane = opening[0].copy(), opening[1].copy()
+                opening[end][axis] = pane[1 - end][axis] = window[1 - end][axis]
+                cells[passage] = Cell(name, *opening)
+                portals.append(Portal(_rectangle(opening, axis, float(opening[end][axis])), (passage, len(cells))))
+                portals.append(Portal(polygon, (len(cells), None)))
+                cells.append(Cell(f"window {name}", *pane, shut=True))
     for i, j in combinations(range(rooms), 2):
         portals += [Portal(polygon, (i, j)) for polygon in _joins(cells[i], cells[j])]
     cells = parse_cells(cells)
