@@ -10,10 +10,13 @@ import numpy as np
 import numpy.typing as npt
 
 from ..camera import Camera
+from ..progress import Progress, reporter
 from ..scene import Scene
 from .cells import TOUCH, Cell, Portal, parse_cells, parse_portals, winding
 from .cones import Cone
+from .finding import find
 from .reading import read_building
+from .voxels import FILLED, NEAR, OUTDOORS
 
 __all__ = ["Building"]
 
@@ -35,14 +38,16 @@ class Building:
     portals : sequence of mapping or Portal
         Each has a ``polygon`` (N, 3), flat and convex, and ``cells`` [a, b], the indices of the cells on both sides; b
         is None outdoors.
+    faces : sequence of (K,) ndarray of uint32, optional
+        The faces that can be seen in each cell, and outdoors last, if they are known. By default those that reach into
+        a cell's box.
 
     Attributes
     ----------
     cells : list of Cell
     portals : list of Portal
     faces : list of (K,) ndarray of uint32
-        The scene's faces that reach into each cell's box; the last entry is outdoors: all that are not wholly inside
-        one box.
+        The scene's faces in each cell; the last entry is outdoors: by default all that are not wholly inside one box.
 
     Raises
     ------
@@ -60,14 +65,19 @@ class Building:
     """
 
     def __init__(
-        self, scene: Scene, cells: Sequence[Mapping[str, Any] | Cell], portals: Sequence[Mapping[str, Any] | Portal]
+        self,
+        scene: Scene,
+        cells: Sequence[Mapping[str, Any] | Cell],
+        portals: Sequence[Mapping[str, Any] | Portal],
+        *,
+        faces: Sequence[Ids] | None = None,
     ) -> None:
         self.scene = scene
         self.cells = parse_cells(cells)
         self.portals = parse_portals(portals, self.cells)
         self._size = float(np.max(np.ptp([[c.low for c in self.cells], [c.high for c in self.cells]], axis=(0, 1))))
         self._corners = np.asarray(scene.vertices, np.float64)[scene.faces]
-        self.faces = self._assigned()
+        self.faces = self._assigned() if faces is None else list(faces)
         self._doors: list[list[int]] = [[] for _ in range(len(self.cells) + 1)]
         for index, portal in enumerate(self.portals):
             for side in portal.cells:
@@ -82,9 +92,9 @@ class Building:
         path : path-like
             Either ``{"cells": [...], "portals": [...]}`` as the constructor takes them, with null for outdoors; or a
             building model: ``spaces`` (rooms with ``vertices`` and ``faces``), ``doors`` and ``opening_boxes``
-            (``aabb_min``, ``aabb_max``), and ``windows`` of the same kind, whose panes let nothing through. Of these, an
-            opening becomes a passage, a cell of its own with a portal at each end, and rooms that touch without a wall
-            get a portal there.
+            (``aabb_min``, ``aabb_max``), and ``windows`` of the same kind, whose panes let nothing through. Of these,
+            an opening becomes a passage, a cell of its own with a portal at each end, and rooms that touch without a
+            wall get a portal there.
         scene : Scene
             The building.
 
@@ -95,21 +105,84 @@ class Building:
         """
         return cls(scene, *read_building(path))
 
+    @classmethod
+    def find(
+        cls,
+        scene: Scene,
+        *,
+        door: float | None = None,
+        voxel: float | None = None,
+        max_bytes: float = 2e9,
+        progress: Progress = None,
+    ) -> Building:
+        """Finds rooms and the openings between them in a mesh.
+
+        Parameters
+        ----------
+        scene : Scene
+            A building whose walls are faces; they need not be closed, but gaps of less than a voxel or two count as
+            closed.
+        door : float, optional
+            The widest opening that separates rooms, in the scene's units; wider ones make one room of both. By default
+            a tenth of the scene's second longest side.
+        voxel : float, optional
+            The side of the cubes in which it is searched. By default such that there are 2 million, or a tenth of
+            `door` if that is smaller.
+        max_bytes : float
+            More cubes than fit into so many bytes are refused.
+        progress : bool, callable or None
+            See `cyclorama.progress`; units are faces.
+
+        Returns
+        -------
+        Building
+            Cells are made of cubes. A portal is the smallest section of the free space between two rooms, across an
+            axis, and three cubes more on all sides.
+
+        Raises
+        ------
+        ValueError
+            If no room is found, with what to set; a door is not wider than three voxels; or it would take more memory.
+
+        Notes
+        -----
+        See `cyclorama.portals.finding`. Gratings with gaps narrower than two voxels count as walls.
+
+        Examples
+        --------
+        >>> import cyclorama as cyc
+        >>> home = cyc.scenes.house(rooms=3, seed=1)
+        >>> Building.find(home, progress=False)
+        <Building: 3 cells, ...
+        """
+        with reporter(progress, len(scene), "faces") as report:
+            found = find(scene, door, voxel, max_bytes, report)
+            report(len(scene))
+        return cls(scene, found.cells, found.portals, faces=found.faces)
+
     def __repr__(self) -> str:
         return f"<Building: {len(self.cells)} cells, {len(self.portals)} portals, {len(self.scene):,} faces>"
 
     def cell(self, eye: npt.ArrayLike) -> int | None:
         """The cell that a point is in; None outdoors, on a portal, and in something solid.
 
-        Solid is what the scene's faces wind around, so it has to be closed; a wall may reach into a cell's box.
+        Solid is what the scene's faces wind around, so it has to be closed; a wall may reach into a cell's box. Where
+        cells were found, it is what is farther than four cubes from all of them.
         """
         at = _eye(eye)
         return None if self._at_portals(at) or self._is_solid(at) else self._holding(at)
 
     def _holding(self, eye: Floats) -> int | None:
+        rooms = self.cells[0].rooms
+        if rooms is not None:
+            label = rooms.at(eye)
+            return label if label >= 0 else None
         return next((index for index, cell in enumerate(self.cells) if cell.holds(eye)), None)
 
     def _is_solid(self, eye: Floats) -> bool:
+        rooms = self.cells[0].rooms
+        if rooms is not None:
+            return rooms.at(eye) == FILLED and not rooms.near(eye, NEAR)
         return abs(winding(self._corners, eye)) > 0.5
 
     def _at_portals(self, eye: Floats) -> frozenset[int]:
@@ -197,9 +270,16 @@ class Building:
         if not places:
             if self._is_solid(eye):
                 raise ValueError(f"the eye {eye.tolist()} is inside something solid: nothing can be seen from there")
-            cell = self._holding(eye)
-            places.add(outdoors if cell is None else cell)
+            places |= self._held_by(eye)
         return sorted(places), at_portals
+
+    def _held_by(self, eye: Floats) -> set[int]:
+        """The cell that holds an eye; several, if it is in a cube that faces reach into, so near to them."""
+        rooms = self.cells[0].rooms
+        if rooms is not None and rooms.at(eye) == FILLED:
+            return {len(self.cells) if label == OUTDOORS else label for label in rooms.near(eye, NEAR)}
+        cell = self._holding(eye)
+        return {len(self.cells) if cell is None else cell}
 
     def _assigned(self) -> list[Ids]:
         low, high = self._corners.min(axis=1), self._corners.max(axis=1)

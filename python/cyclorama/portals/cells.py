@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from .voxels import Rooms
+
 __all__ = ["Cell", "Portal", "parse_cells", "parse_portals", "winding"]
 
 Floats = npt.NDArray[np.float64]
@@ -32,6 +34,8 @@ class Cell:
         Its closed surface; None if it is the whole box.
     shut : bool
         Whether something in it, as the pane of a window, ends every view that comes in: only an eye in it looks out.
+    rooms, label : Rooms or None, int
+        The cubes it is made of, for a cell that was found in a mesh.
     """
 
     name: str
@@ -39,11 +43,15 @@ class Cell:
     high: Floats
     triangles: Floats | None = None
     shut: bool = False
+    rooms: Rooms | None = None
+    label: int = 0
 
     def holds(self, point: Floats, slack: float = 0.0) -> bool:
         """Whether a point lies inside, or in the box within `slack` of it."""
         if not ((point >= self.low - slack) & (point <= self.high + slack)).all():
             return False
+        if self.rooms is not None:
+            return self.rooms.at(point) == self.label
         return self.triangles is None or abs(winding(self.triangles, point)) > 0.5
 
 
@@ -98,7 +106,9 @@ def parse_cells(given: Sequence[Mapping[str, Any] | Cell]) -> list[Cell]:
 
 def _share_inside(a: Cell, b: Cell, low: Floats, high: Floats) -> bool:
     """Whether some of the common box is in both; of two whole boxes all is."""
-    if a.triangles is None and b.triangles is None:
+    if a.rooms is not None and a.rooms is b.rooms:
+        return a.label == b.label
+    if a.rooms is None and b.rooms is None and a.triangles is None and b.triangles is None:
         return True
     steps = (np.arange(5) + 0.5) / 5
     grid = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), -1).reshape(-1, 3)
