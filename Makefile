@@ -44,7 +44,7 @@ figures: $(VENV)/.test $(VENV)/.built
 # The scripts of pages and widgets, bundled from npm's three.js. Where there is no Node.js it says so, and pages do too.
 pages: $(PAGES)
 
-$(PAGES): $(wildcard web/src/*.js) web/build.mjs web/package-lock.json
+$(PAGES): $(wildcard web/src/*.js web/src/*/*.js) web/build.mjs web/package-lock.json
 	@command -v npm >/dev/null || tools/system-packages nodejs npm
 	@if command -v npm >/dev/null; then cd web && npm ci --silent --no-fund --no-audit && npm run --silent build; \
 	  else echo "pages: no Node.js here to bundle them with"; fi

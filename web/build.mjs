@@ -2,7 +2,7 @@
 import { build } from "esbuild";
 
 await build({
-  entryPoints: { visibility: "src/visibility_page.js", visibility_widget: "src/visibility_widget.js" },
+  entryPoints: { visibility: "src/visibility_page.js", visibility_widget: "src/visibility_widget.js", walk: "src/walk_page.js" },
   outdir: "../python/cyclorama/pages",
   bundle: true,
   minify: true,

@@ -1,4 +1,4 @@
-"""The command line: `cyclorama demo | bake | info | tradeoff | place | strip | view | validate`.
+"""The command line: `cyclorama demo | bake | info | tradeoff | place | walk | strip | view | validate`.
 
 Exit status 0 if all went well, 1 if `validate` found a disagreement, 2 on bad input, with one line that says what was
 wrong, 130 on Ctrl-C. Files appear only when they are whole.
@@ -268,6 +268,42 @@ def _place(asked: argparse.Namespace) -> int:
     return 0
 
 
+def _walk(asked: argparse.Namespace) -> int:
+    from . import panorama
+
+    folder = asked.mesh if asked.mesh.is_dir() else asked.out
+    if not asked.mesh.is_dir():
+        if asked.track is None:
+            raise _Refused(
+                "--track FILE says where to go: JSON with a list of points, or with points, spline and closed"
+            )
+        scene, track = loading.load(asked.mesh), panorama.Track.read(asked.track)
+        panorama.bake(
+            scene,
+            track,
+            asked.slabs,
+            asked.size,
+            asked.projection,
+            alpha=asked.alpha,
+            out=folder,
+            spacing=asked.spacing,
+            up=asked.up,
+            progress=_progress(asked),
+        )
+    store = panorama.Store(folder)
+    _print_figures(
+        {
+            "references": f"{len(store):,} along {store.track.length:.6g}",
+            "panoramas": f"{store.projection.width} x {store.projection.height}, {store.projection.kind}",
+            "slabs": f"{len(store.slabs)}",
+            "folder": f"{folder}, {store.bytes:,} bytes",
+        }
+    )
+    if not asked.bake_only:
+        panorama.serve(store, host=asked.host, port=asked.port, open_page=asked.open)
+    return 0
+
+
 def _strip(asked: argparse.Namespace) -> int:
     from .hidden import strip
 
@@ -474,6 +510,21 @@ def _parser() -> _Parser:
     place.add_argument("--seed", type=_seed, default=0, help="of that path (%(default)s)")
     place.add_argument("--threads", type=_count)
 
+    walk = _command(commands, "walk", _walk, "render a walk along a track ahead of time, and serve it to browsers")
+    walk.add_argument("mesh", type=_path, metavar="MESH", help="a mesh, or the folder of a walk that is rendered")
+    walk.add_argument("--track", type=_file, metavar="FILE", help="where it goes: JSON, a list of points [x, y, z]")
+    walk.add_argument("--out", type=Path, default=Path("walk"), metavar="FOLDER", help="what to write (%(default)s)")
+    walk.add_argument("--slabs", type=_count, default=3, help="of range, that move one before the other (%(default)s)")
+    walk.add_argument("--size", type=_size, default=(4096, 1024), metavar="WxH", help="of panoramas (4096x1024)")
+    walk.add_argument("--projection", choices=("cylinder", "equirect"), default="cylinder")
+    walk.add_argument("--alpha", type=float, default=1.0, help="share of a tile that is hidden when it is left out (1)")
+    walk.add_argument("--spacing", type=float, metavar="LENGTH", help="between references")
+    walk.add_argument("--up", type=_eye, default=[0.0, 1.0, 0.0], metavar="X,Y,Z", help="(0,1,0)")
+    walk.add_argument("--bake-only", action="store_true", help="write the folder and serve nothing")
+    walk.add_argument("--host", default="127.0.0.1", help="who may see it: this machine alone by default")
+    walk.add_argument("--port", type=int, default=8437, help="(%(default)s)")
+    walk.add_argument("--open", action="store_true", help="open the page in a browser")
+
     strip = _command(commands, "strip", _strip, "write a mesh without the faces that nobody can ever see")
     strip.add_argument("mesh", type=_file, metavar="MESH")
     strip.add_argument("out", type=Path, metavar="OUT", help="what to write: GLB keeps nodes, names and materials")
@@ -521,6 +572,11 @@ def _file(word: str) -> Path:
     if path.is_dir():
         raise argparse.ArgumentTypeError(f"{word} is a folder")
     return path
+
+
+def _path(word: str) -> Path:
+    path = Path(word)
+    return path if path.is_dir() else _file(word)
 
 
 def _count(word: str) -> int:

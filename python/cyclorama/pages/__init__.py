@@ -1,13 +1,24 @@
-"""The scripts of pages and widgets, bundled from `web/` when the package is built: they need no network.
+"""Pages, and the scripts of pages and widgets, bundled from `web/` when the package is built: they need no network.
 
-Three.js is part of them; its licence (MIT) stands at the end of each.
+Three.js is part of the scripts; its licence (MIT) stands at the end of each.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
 
-__all__ = ["script"]
+__all__ = ["page", "script"]
+
+
+def page(name: str) -> str:
+    """The text of a page that a server sends.
+
+    Parameters
+    ----------
+    name : str
+        Without an ending.
+    """
+    return Path(__file__).with_name(f"{name}.html").read_text(encoding="utf-8")
 
 
 def script(name: str) -> str:

@@ -8,9 +8,23 @@ a folder; `view` draws what an eye on the track sees, from the two references be
 from .baking import bake
 from .projection import Projection
 from .renderers import BuiltIn, Layer, Renderer
+from .server import application, serve
 from .slabs import find_slabs
 from .store import Store
 from .track import Track
 from .viewing import Seen, view
 
-__all__ = ["BuiltIn", "Layer", "Projection", "Renderer", "Seen", "Store", "Track", "bake", "find_slabs", "view"]
+__all__ = [
+    "BuiltIn",
+    "Layer",
+    "Projection",
+    "Renderer",
+    "Seen",
+    "Store",
+    "Track",
+    "application",
+    "bake",
+    "find_slabs",
+    "serve",
+    "view",
+]

@@ -25,6 +25,7 @@ A reference's folder is written beside and renamed, so it is whole or not there.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import math
@@ -33,7 +34,6 @@ import threading
 from collections import OrderedDict
 from dataclasses import dataclass
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -41,6 +41,7 @@ import numpy.typing as npt
 
 from ..archives import UNREADABLE, check_format
 from .projection import Projection
+from .sources import Folder, Source, source_of
 from .tiles import decode
 from .track import Track
 
@@ -53,6 +54,7 @@ VIEW = "view.json"
 Pixels = npt.NDArray[np.uint8]
 Quads = npt.NDArray[np.uint16]
 Mask = npt.NDArray[np.bool_]
+Content = bytes
 
 
 @dataclass(frozen=True)
@@ -122,8 +124,13 @@ class Entry:
     bytes: int
 
 
-def read_manifest(folder: str | os.PathLike[str]) -> dict[str, Any]:
-    """The manifest of a folder.
+def read_manifest(place: str | os.PathLike[str] | Source) -> dict[str, Any]:
+    """The manifest of a walkthrough.
+
+    Parameters
+    ----------
+    place : path, address or Source
+        A folder, or what `source_of` takes.
 
     Raises
     ------
@@ -131,15 +138,18 @@ def read_manifest(folder: str | os.PathLike[str]) -> dict[str, Any]:
         If there is none.
     ValueError
         If it is cut off, damaged, or of another version.
+    OSError
+        If a server can't be reached.
     """
-    path = Path(folder) / MANIFEST
+    source = source_of(place)
+    path = source.where(MANIFEST)
     try:
-        found = json.loads(path.read_bytes())
+        found = json.loads(source.read(MANIFEST))
         check_format(found, FORMAT)
         for key in ("projection", "size", "axes", "track", "tile", "slabs", "references", "complete"):
             found[key]
     except FileNotFoundError:
-        raise FileNotFoundError(f"{path} is not there: bake(..., out={os.fspath(folder)!r}) makes it") from None
+        raise FileNotFoundError(f"{path} is not there: bake(..., out={str(source)!r}) makes it") from None
     except UNREADABLE as error:
         raise ValueError(f"{path} is not a whole manifest of a walkthrough: {error}") from error
     return dict(found)
@@ -150,7 +160,8 @@ class Store:
 
     Parameters
     ----------
-    folder : path
+    place : path, str or Source
+        Its folder, or the address of a server (``http://``): what lies ahead on the way is fetched from it in advance.
     memory : int
         Bytes of decoded references to keep; at least two are kept whatever they take.
 
@@ -168,18 +179,20 @@ class Store:
     Raises
     ------
     FileNotFoundError
-        If the folder has no manifest.
+        If there is no manifest.
     ValueError
         If the manifest is cut off, damaged or of another version, or the bake didn't come to its end.
+    OSError
+        If a server can't be reached.
     """
 
-    def __init__(self, folder: str | os.PathLike[str], *, memory: int = 1 << 30) -> None:
-        self.folder = Path(folder)
-        self.manifest = read_manifest(folder)
+    def __init__(self, place: str | os.PathLike[str] | Source, *, memory: int = 1 << 30) -> None:
+        self.source = source_of(place)
+        self.manifest = read_manifest(self.source)
         if not self.manifest["complete"]:
             drawn = sum("folder" in entry for entry in self.manifest["references"])
             raise ValueError(
-                f"{self.folder} is not finished: {drawn} of {len(self.manifest['references'])} references are drawn; "
+                f"{self.source} is not finished: {drawn} of {len(self.manifest['references'])} references are drawn; "
                 "the same bake goes on where it ended"
             )
         try:
@@ -198,11 +211,14 @@ class Store:
             if not np.allclose(self.projection.axes, self.manifest["axes"], atol=1e-9):
                 raise ValueError("its axes are not those of its up direction")
         except UNREADABLE as error:
-            raise ValueError(f"{self.folder / MANIFEST} is not a whole manifest of a walkthrough: {error}") from error
-        _check_order(self.slabs, self.references, self.folder / MANIFEST)
+            path = self.source.where(MANIFEST)
+            raise ValueError(f"{path} is not a whole manifest of a walkthrough: {error}") from error
+        _check_order(self.slabs, self.references, self.source.where(MANIFEST))
         self._memory = memory
         self._kept: OrderedDict[int, Reference] = OrderedDict()
         self._lock = threading.Lock()
+        self._place: float | None = None
+        self._fetching: threading.Thread | None = None
 
     def __repr__(self) -> str:
         return (
@@ -228,12 +244,52 @@ class Store:
             If it is missing, cut off or not the one that the manifest names.
         """
         entry = self.manifest["references"][index]
-        path = self.folder / str(entry["folder"]) / VIEW
-        content = _read(path, entry["sha256"])
+        name = f"{entry['folder']}/{VIEW}"
+        content = self.read(name, entry["sha256"])
         try:
             return dict(json.loads(content))
         except UNREADABLE as error:
-            raise ValueError(f"{path} is not whole: {error}") from error
+            raise ValueError(f"{self.source.where(name)} is not whole: {error}") from error
+
+    def read(self, name: str, digest: str) -> Content:
+        """A file whose checksum (SHA-256, hexadecimal) is known.
+
+        Raises
+        ------
+        ValueError
+            If it is missing, can't be read, or is not the one that was written.
+        """
+        path = self.source.where(name)
+        try:
+            content = self.source.read(name)
+        except OSError as error:
+            raise ValueError(f"{path} can't be read: {error.strerror or error}; bake again to make it anew") from error
+        if hashlib.sha256(content).hexdigest() != digest:
+            raise ValueError(f"{path} is not the file that was written ({len(content)} bytes): its checksum differs")
+        return content
+
+    def expect(self, t: float) -> None:
+        """Says where on the track an eye is: what lies ahead of it is fetched meanwhile, where that takes long.
+
+        Errors are kept to themselves: who asks for a file that can't be read will be told.
+        """
+        before, self._place = self._place, t
+        if isinstance(self.source, Folder) or before is None or t == before:
+            return
+        first, second, _ = self.beside(t)
+        ahead = second + 1 if t > before else first - 1
+        if 0 <= ahead < len(self) and ahead not in self._kept and not (self._fetching and self._fetching.is_alive()):
+            self._fetching = threading.Thread(target=self._fetch, args=(ahead,), daemon=True)
+            self._fetching.start()
+
+    def wait(self) -> None:
+        """Until what was expected is here."""
+        if self._fetching is not None:
+            self._fetching.join()
+
+    def _fetch(self, index: int) -> None:
+        with contextlib.suppress(ValueError, OSError):
+            self.reference(index)
 
     def reference(self, index: int) -> Reference:
         """A reference viewpoint with its slabs, from memory or from its files.
@@ -256,7 +312,16 @@ class Store:
 
     def _load(self, index: int) -> Reference:
         entry, said = self.references[index], self.describe(index)
-        where = self.folder / str(entry.folder)
+        names = [
+            f"{entry.folder}/{sector[kind]}"
+            for slab in said["slabs"]
+            for sector in slab["sectors"]
+            for kind in ("image", "quads")
+        ]
+        try:
+            self.source.coming(names)
+        except OSError as error:
+            raise ValueError(f"{self.source.where(str(entry.folder))} can't be read: {error}") from error
         height, width = self.projection.shape
         slabs = []
         for slab in said["slabs"]:
@@ -265,9 +330,9 @@ class Store:
             quads = [np.zeros((0, 7), np.uint16)]
             for sector in slab["sectors"]:
                 numbers = np.array(sector["tiles"], np.int64)
-                picture = _read(where / sector["image"], sector["image_sha256"])
-                packed = _read(where / sector["quads"], sector["quads_sha256"])
-                quads.append(decode(picture, packed, numbers, self.tile, pixels, str(where / sector["image"])))
+                picture = self.read(f"{entry.folder}/{sector['image']}", sector["image_sha256"])
+                packed = self.read(f"{entry.folder}/{sector['quads']}", sector["quads_sha256"])
+                quads.append(decode(picture, packed, numbers, self.tile, pixels, f"{entry.folder}/{sector['image']}"))
                 kept[numbers] = True
             low, high = slab["disparity"]
             slabs.append(
@@ -307,7 +372,7 @@ class Store:
         return first, first + 1, float((t - places[first]) / (places[first + 1] - places[first]))
 
 
-def _check_order(slabs: list[tuple[float, float]], references: list[Entry], path: Path) -> None:
+def _check_order(slabs: list[tuple[float, float]], references: list[Entry], path: str) -> None:
     for index, ((_, end), (start, _)) in enumerate(pairwise(slabs)):
         if end != start:
             raise ValueError(f"{path}: slab {index} ends at {end}, slab {index + 1} begins at {start}: out of order")
@@ -316,14 +381,3 @@ def _check_order(slabs: list[tuple[float, float]], references: list[Entry], path
     places = [entry.t for entry in references]
     if not places or sorted(set(places)) != places:
         raise ValueError(f"{path}: references are out of order: {places}")
-
-
-def _read(path: Path, digest: str) -> bytes:
-    """A file whose checksum is known."""
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise ValueError(f"{path} can't be read: {error.strerror}; bake again to make it anew") from error
-    if hashlib.sha256(content).hexdigest() != digest:
-        raise ValueError(f"{path} is not the file that was written ({len(content)} bytes): its checksum differs")
-    return content

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import math
+import os
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -79,6 +82,24 @@ class Track:
         self.knots, self.length = knots, float(steps.sum())
         self.at_knots = np.concatenate([[0.0], np.cumsum(steps) / steps.sum()])
         self.at_knots[-1] = 1.0
+
+    @classmethod
+    def read(cls, path: str | os.PathLike[str]) -> Track:
+        """A track from a JSON file: a list of points, or what `to_json` gives.
+
+        Raises
+        ------
+        ValueError
+            If it is neither. The message begins with the path.
+        """
+        try:
+            found = json.loads(Path(path).read_bytes())
+            if isinstance(found, list):
+                return cls(found)
+            return cls(found["points"], spline=found.get("spline", False), closed=found.get("closed", False))
+        except (ValueError, KeyError, TypeError, AttributeError) as error:
+            said = f"it has no {error}" if isinstance(error, KeyError) else str(error)
+            raise ValueError(f"{path}: not a track (a list of points, or points, spline and closed): {said}") from error
 
     def __repr__(self) -> str:
         return f"<Track: {len(self.points)} points, length {self.length:.6g}>"

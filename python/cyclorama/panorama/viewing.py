@@ -48,7 +48,7 @@ def view(store: Store | str | os.PathLike[str], t: float, camera: Camera, *, thr
 
     Parameters
     ----------
-    store : Store or path
+    store : Store, path or address
     t : float
         Where on the track: 0 to 1.
     camera : Camera
@@ -82,6 +82,7 @@ def view(store: Store | str | os.PathLike[str], t: float, camera: Camera, *, thr
     if camera.orthographic:
         raise ValueError("a view needs a pinhole camera, got an orthographic one")
     first, second, between = walk.beside(t)
+    walk.expect(t)
     here = moved(camera, walk.track.at(t))
     if between == 0.0:
         color, known = resample(walk.panorama(first), walk.projection, here)
