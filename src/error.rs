@@ -18,9 +18,9 @@ pub enum Error {
     AllDegenerate { faces: usize },
     /// An eye sees so much at close range that no image can stand for it; the eye in the mesh's own units.
     #[error(
-        "budget {budget} is too small: an eye at {eye:?} that looks along a yaw of {yaw:.4} degrees needs {needed} faces, those of cells about it, whatever the image: a budget somewhat above that would do there, or a greater leaf_depth"
+        "budget {budget} is too small: an eye at {eye:?} that looks along yaw {yaw:.4} and pitch {pitch:.4} degrees needs {needed} faces, those of cells about it, with the best of {images} images (0: with any)"
     )]
-    TooSmallBudget { budget: u32, needed: u32, eye: [f64; 3], yaw: f64 },
+    TooSmallBudget { budget: u32, needed: u32, eye: [f64; 3], yaw: f64, pitch: f64, images: usize },
     /// Some other promise of an argument was broken; the text names the argument and the value.
     #[error("{0}")]
     Invalid(String),

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import cyclorama as cyc
-from cyclorama import placement
-from cyclorama.placement.verify import check_proof, verify
+from cyclorama import _core, placement
+from cyclorama.placement.verify import cell_boxes, check_proof, verify
 
 BUDGET = 12_000
 
@@ -78,65 +78,120 @@ def test_random_frames_are_sound(plan):
 
 def test_the_certificate_is_verified_from_its_file(plan, tmp_path):
     path = tmp_path / "proof.npz"
-    assert plan.certify(path) == len(plan.proof)
+    assert plan.certify(path) == len(plan.proof) == verify(path, plan.scene)
 
 
-def test_a_certificate_of_another_scene_is_refused(plan, tmp_path, monkeypatch):
+def test_a_certificate_of_another_scene_is_refused(plan, tmp_path):
     path = tmp_path / "proof.npz"
-    monkeypatch.setattr(placement.plan, "verify", lambda path, scene: 0)
     plan.certify(path)
     with pytest.raises(ValueError, match="another scene"):
         verify(path, cyc.scenes.pipes(20_000, seed=1))
 
 
-def parts(plan):
-    """The certificate's header and arrays, of the boxes that need images and some others."""
+def refused(plan, message, **changes):
+    """Both verifiers refuse the plan's certificate with these arrays in the place of its own."""
+    header, arrays = plan._certificate()
+    with pytest.raises(ValueError, match=message):
+        check_proof(header | {"budget": changes.get("budget", plan.budget)}, arrays | changes, plan.scene)
+    corners = changes.get("corners", plan.images.corners)
     order, starts = plan.cells()
-    header = {
-        "budget": plan.budget,
-        "tangents": plan.tangents,
-        "axes": plan.axes.tolist(),
-        "domain": plan.domain.tolist(),
-        "pitch": [0.0, 0.0],
-    }
-    arrays = {
-        "order": order,
-        "starts": starts,
-        "boxes": plan.proof.boxes.copy(),
-        "served": plan.proof.image.copy(),
-        "viewpoints": plan.viewpoints[plan.images.viewpoint],
-        "corners": plan.images.corners.copy(),
-    }
-    return header, arrays
+    low, high = cell_boxes(order, starts, plan.scene)
+    sizes = np.diff(np.append(starts, len(order))).astype(np.uint32)
+    audit = _core.Audit(
+        low,
+        high,
+        sizes,
+        arrays["viewpoints"],
+        corners.reshape(-1, 3),
+        plan.axes.tolist(),
+        plan.tangents,
+        changes.get("budget", plan.budget),
+        1e-13,
+    )
+    boxes, served = changes.get("boxes", plan.proof.boxes), changes.get("served", plan.proof.image)
+    with pytest.raises(ValueError, match=message):
+        audit.proof(boxes, served, plan.domain.tolist(), tuple(header["pitch"]))
 
 
-def test_a_certificate_without_one_of_its_boxes_is_refused(plan, scene):
-    header, arrays = parts(plan)
-    arrays["boxes"], arrays["served"] = arrays["boxes"][1:], arrays["served"][1:]
+def test_a_certificate_without_one_of_its_boxes_is_refused(plan):
+    boxes, served = plan.proof.boxes[1:], plan.proof.image[1:]
+    refused(plan, "leave a part of the domain out", boxes=boxes, served=served)
+
+
+def test_a_certificate_with_a_smaller_budget_is_refused(plan):
+    refused(plan, "faces are left by image", budget=BUDGET // 2)
+
+
+def test_a_certificate_whose_image_came_nearer_than_its_eyes_is_refused(plan):
+    viewpoints = plan.viewpoints[plan.images.viewpoint][:, None]
+    corners = viewpoints + (plan.images.corners - viewpoints) * 1e-3
+    refused(plan, r"past the plane|reverse frustum", corners=corners)
+
+
+def test_a_certificate_that_needs_no_images_is_refused_where_they_are_needed(plan):
+    refused(plan, "faces are left by image -1", served=np.full_like(plan.proof.image, -1))
+
+
+def test_a_certificate_that_names_another_image_is_refused(plan):
+    served = np.where(plan.proof.image >= 0, len(plan.images), -1).astype(np.int32)
+    refused(plan, r"image .*not there", served=served)
+
+
+@pytest.fixture(scope="module")
+def sphere():
+    # A budget that few frames exceed, so that the plan takes seconds.
+    return cyc.place_images(cyc.scenes.pipes(3_000), 2_650, directions="sphere", progress=False)
+
+
+def test_a_plan_for_all_gazes_is_proved_and_sound(sphere, tmp_path):
+    assert len(sphere.images) > sphere.shell
+    assert sphere.certify(tmp_path / "proof.npz") == len(sphere.proof)
+    found = sphere.check(2000, progress=False)
+    assert found.is_sound and found.with_image > 20
+    header, arrays = sphere._certificate()
+    assert header["pitch"] == [-np.pi / 2, np.pi / 2]
+    boxes, served = arrays["boxes"], arrays["served"]
     with pytest.raises(ValueError, match="leave a part of the domain out"):
-        check_proof(header, arrays, scene)
+        check_proof(header, arrays | {"boxes": boxes[:-1], "served": served[:-1]}, sphere.scene)
 
 
-def test_a_certificate_with_a_smaller_budget_is_refused(plan, scene):
-    header, arrays = parts(plan)
-    header["budget"] = BUDGET // 2
-    with pytest.raises(ValueError, match="faces are left by image"):
-        check_proof(header, arrays, scene)
+def test_poles_have_frames(sphere):
+    for gaze in ([0, 1, 0], [0, -1, 0], [1e-9, 1, 0]):
+        for eye in ([0, -0.95, 0], [0.3, 0.9, -0.9]):
+            frame = sphere.frame(eye, gaze)
+            assert len(frame.faces) <= sphere.budget
 
 
-def test_a_certificate_whose_image_came_nearer_than_its_eyes_is_refused(plan, scene):
-    header, arrays = parts(plan)
-    for image, viewpoint in enumerate(arrays["viewpoints"]):
-        arrays["corners"][image] = viewpoint + (arrays["corners"][image] - viewpoint) * 1e-3
-    with pytest.raises(ValueError, match=r"past the plane|reverse frustum"):
-        check_proof(header, arrays, scene)
+def test_beyond_the_domain_an_image_stands_for_the_whole_scene(plan):
+    low, high = plan.domain
+    rng = np.random.default_rng(0)
+    needed = 0
+    for _ in range(200):
+        eye = rng.uniform(-4, 4, 3)
+        if ((eye >= low) & (eye <= high)).all():
+            continue
+        gaze = -eye * [1, 0, 1] + rng.normal(0, 0.3, 3) * [1, 0, 1]
+        frame = plan.frame(eye, gaze)
+        assert len(frame.faces) <= plan.budget
+        if frame.image is None:
+            outside, _ = brute_force(plan, eye, gaze, None)
+            drawn = np.zeros(len(plan.scene), bool)
+            drawn[frame.faces] = True
+            assert (outside | drawn).all()
+            continue
+        needed += 1
+        _, behind = brute_force(plan, eye, gaze, frame.image)
+        image = frame.image
+        assert len(frame.faces) == 0 and behind.all() and image.index >= len(plan.images) - plan.shell
+        assert image.forward @ (eye - image.viewpoint) < image.forward @ (image.corners[0] - image.viewpoint)
+    assert needed > 20
 
 
-def test_a_certificate_that_needs_no_images_is_refused_where_they_are_needed(plan, scene):
-    header, arrays = parts(plan)
-    arrays["served"][:] = -1
-    with pytest.raises(ValueError, match="faces are left by image -1"):
-        check_proof(header, arrays, scene)
+def test_without_a_shell_eyes_beyond_the_domain_are_refused(scene):
+    plan = cyc.place_images(scene, BUDGET, shell=0, progress=False)
+    assert plan.shell == 0
+    with pytest.raises(ValueError, match=r"outside plan.domain, .* not before any image of the shell"):
+        plan.frame([0, 0, -2.5], [0, 0, 1])
 
 
 def test_a_plan_is_the_same_after_its_file(plan, scene, tmp_path):
@@ -181,6 +236,10 @@ def test_a_budget_above_the_scene_needs_no_image(scene):
         ({"domain": [[0, 0, 0], [0, 1, 1]]}, "domain must be"),
         ({"leaf_depth": 11}, "leaf_depth must be"),
         ({"reach": 0.0}, "reach must be"),
+        ({"shell": -1}, "shell must be"),
+        ({"method": "exact"}, "method must be"),
+        ({"directions": "up"}, "directions must be"),
+        ({"method": "paper", "directions": "sphere"}, "level gazes"),
         ({"image_fov": 30.0}, "image_fov must be"),
     ],
 )
@@ -202,13 +261,12 @@ def test_scenes_without_room_are_refused():
 def test_one_primitive_needs_no_image():
     one = cyc.Scene([[0, 0, 0], [1, 0, 0.5], [0, 1, 1]], [[0, 1, 2]])
     plan = cyc.place_images(one, 1, progress=False)
-    assert len(plan.images) == 0 and len(plan.frame([0.5, 0.5, 0], [0, 0, 1]).faces) <= 1
+    assert len(plan.images) == plan.shell == 0 and len(plan.frame([0.5, 0.5, 0], [0, 0, 1]).faces) <= 1
 
 
 @pytest.mark.parametrize(
     ("eye", "gaze", "words"),
     [
-        ([9, 0, 0], [1, 0, 0], "outside plan.domain"),
         ([np.nan, 0, 0], [1, 0, 0], "must be finite"),
         ([0, 0, 0], [0, 0, 0], "forward is zero"),
         ([0, 0, 0], [1, 0.1, 0], "pitched by 5.7"),
@@ -231,3 +289,33 @@ def test_up_may_be_z(scene):
     turned = cyc.Scene(scene.vertices[:, [2, 0, 1]], scene.faces)
     plan = cyc.place_images(turned, BUDGET, up=(0, 0, 1), progress=False)
     assert plan.check(100, progress=False).is_sound
+
+
+@pytest.mark.parametrize("star_shape", ["paper", "certified"])
+def test_a_grid_s_plan_answers_as_others_do(star_shape, tmp_path):
+    scene = cyc.scenes.pipes(20_000)
+    plan = cyc.place_images(
+        scene, 11_000, method="paper", leaf_depth=3, lookahead=0, star_shape=star_shape, progress=False
+    )
+    assert plan.check(300, progress=False).violations == 0 or plan.gaps > 0
+    if plan.gaps == 0:
+        assert plan.certify() == len(plan.proof)
+        assert plan.check(300, progress=False).is_sound
+    else:
+        with pytest.raises(ValueError, match=r"left by image"):
+            plan.certify()
+    assert star_shape == "paper" or plan.gaps == 0
+    corners, mine = plan.grid.images.corners, plan.images.corners[: len(plan.images) - plan.shell]
+    np.testing.assert_allclose(mine[:, 0], corners[:, 0], atol=1e-7)
+    assert len(np.unique(plan.grid.images.viewpoint)) == len(plan.viewpoints) - plan.shell
+    plan.save(tmp_path / "plan.npz")
+    again = placement.Plan.load(tmp_path / "plan.npz", scene)
+    assert again.grid is None and again.gaps == plan.gaps
+
+
+def test_aimed_frames_find_eyes_outside_the_paper_s_star_shapes():
+    plan = placement.place_on_grid(cyc.scenes.pipes(20_000), 10_000, leaf_depth=3, lookahead=0, star_shape="paper")
+    eyes, gazes = plan.aimed_frames(400)
+    far = plan._far(eyes, np.radians([plan.yaw(gaze) for gaze in gazes]))
+    random = plan._far(*(lambda e, g: (e, np.radians([plan.yaw(x) for x in g])))(*plan._random_frames(400, 0)))
+    assert (far > 1).sum() > 10 * (random > 1).sum() + 10

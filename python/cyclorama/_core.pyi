@@ -311,9 +311,45 @@ class Cells:
     def place(
         self, options: dict[str, Any], threads: int | None = None, progress: object = None
     ) -> tuple[
-        tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]],
-        tuple[npt.NDArray[np.float64], npt.NDArray[np.int32]],
+        tuple[
+            tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]],
+            tuple[npt.NDArray[np.float64], npt.NDArray[np.int32]],
+        ]
+        | None,
+        tuple[int, list[float], float, float, int] | None,
     ]: ...
+    def prove(
+        self,
+        options: dict[str, Any],
+        viewpoints: npt.NDArray[np.float64],
+        images: npt.NDArray[np.float64],
+        threads: int | None = None,
+        progress: object = None,
+    ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int32]]: ...
+
+@final
+class Audit:
+    def __new__(
+        cls,
+        low: npt.NDArray[np.float64],
+        high: npt.NDArray[np.float64],
+        counts: npt.NDArray[np.uint32],
+        viewpoints: npt.NDArray[np.float64],
+        corners: npt.NDArray[np.float64],
+        axes: list[list[float]],
+        tangents: tuple[float, float],
+        budget: int,
+        slack: float,
+    ) -> Audit: ...
+    def proof(
+        self,
+        boxes: npt.NDArray[np.float64],
+        images: npt.NDArray[np.int32],
+        domain: list[list[float]],
+        pitch: tuple[float, float],
+        threads: int | None = None,
+        progress: object = None,
+    ) -> None: ...
 
 @final
 class Plan:
@@ -322,10 +358,22 @@ class Plan:
         cells: Cells,
         viewpoints: npt.NDArray[np.float64],
         images: npt.NDArray[np.float64],
+        shell: int,
+        domain: list[list[float]],
         up: tuple[float, float, float],
         tangents: tuple[float, float],
         budget: int,
     ) -> Plan: ...
+    def check(
+        self,
+        audit: Audit,
+        starts: npt.NDArray[np.int64],
+        eyes: npt.NDArray[np.float64],
+        gazes: npt.NDArray[np.float64],
+        angles: npt.NDArray[np.float64],
+        threads: int | None = None,
+        progress: object = None,
+    ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.bool_], npt.NDArray[np.float64]]: ...
     def frame(
         self, eye: tuple[float, float, float], yaw: float, pitch: float, out: npt.NDArray[np.uint32]
     ) -> tuple[int, int]: ...

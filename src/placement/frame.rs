@@ -17,7 +17,9 @@ pub struct Plan {
     pub compass: Compass,
     pub field: Field,
     pub budget: u32,
+    /// Those placed for eyes in the domain, then the shell's, each of which has the whole scene behind it.
     pub images: Vec<Marked>,
+    pub shell: usize,
 }
 
 /// An eye's answer.
@@ -41,8 +43,7 @@ impl Plan {
             return Answer::Bare;
         }
         let forward = self.compass.forward(yaw, pitch);
-        let mut fit: Vec<_> = self
-            .images
+        let mut fit: Vec<_> = self.images[..self.images.len() - self.shell]
             .iter()
             .enumerate()
             .filter(|(_, m)| m.image.is_beyond(&sweep.eyes) && sweep.starts_at(m.image.viewpoint))
@@ -57,6 +58,22 @@ impl Plan {
             }
         }
         Answer::Nothing
+    }
+
+    /// What an eye beyond the domain draws: all that it sees, or the closest image of the shell alone, if the eye is before
+    /// the plane of any.
+    pub fn beyond(&self, eye: DVec3, yaw: f64, pitch: f64, faces: &mut Vec<Range<u32>>) -> Answer {
+        let sweep = Sweep::one(eye, yaw, pitch, &self.compass, self.field);
+        if self.boxes.count(&sweep, None, self.budget) <= self.budget {
+            self.collect(&sweep, None, faces);
+            return Answer::Bare;
+        }
+        faces.clear();
+        let first = self.images.len() - self.shell;
+        let before = self.images[first..].iter().enumerate().filter(|(_, m)| m.image.is_beyond(&sweep.eyes));
+        let away = |m: &Marked| m.image.viewpoint.distance_squared(eye);
+        let closest = before.min_by(|a, b| away(a.1).total_cmp(&away(b.1)));
+        closest.map_or(Answer::Nothing, |(index, _)| Answer::Image(first + index))
     }
 
     fn collect(&self, sweep: &Sweep, marks: Option<&[super::image::Mark]>, faces: &mut Vec<Range<u32>>) {

@@ -1,6 +1,7 @@
 //! Budgets: which part of a scene a picture replaces, so that what is drawn never exceeds a number of primitives
 //! (Aliaga's dissertation of 1998, chapter 3).
 
+pub mod audit;
 pub mod cells;
 pub mod count;
 pub mod cover;

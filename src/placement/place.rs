@@ -22,6 +22,8 @@ pub struct Search {
     /// States are boxes of this share of the longest edge, and so many to a turn.
     pub state_edge: f64,
     pub state_turns: usize,
+    /// A proof of more parts than this is given up.
+    pub most_leaves: usize,
 }
 
 /// Images and the proof that they suffice.
@@ -40,9 +42,6 @@ const PRUNED: f64 = 1.0 / 64.0;
 
 /// Rounds of covering gaps.
 const MOST_ROUNDS: usize = 20;
-
-/// Parts of the proof: a hundred times what even scenes take, and some minutes.
-const MOST_LEAVES: usize = 1_000_000;
 
 /// Finds images and proves them.
 ///
@@ -65,15 +64,8 @@ pub fn place(stage: &Stage<'_>, search: Search, control: &Control) -> Result<Pla
             break;
         }
         is_possible(&gaps, stage)?;
-        if round == MOST_ROUNDS || leaves.len() > MOST_LEAVES {
-            return Err(Error::Invalid(format!(
-                "budget {}: {} parts of the domain are still not served by {} images after {} steps of the proof; \
-                 a larger budget, wider images (image_fov) or a greater leaf_depth would need fewer",
-                stage.budget,
-                gaps.len(),
-                images.len(),
-                leaves.len()
-            )));
+        if round == MOST_ROUNDS || leaves.len() > search.most_leaves {
+            return Err(unserved(&gaps, &images, stage));
         }
         let more = fill(&gaps, &points, spacing, stage, &offsets, control)?;
         images.par_extend(more.into_par_iter().map(|image| Marked::new(image, stage)));
@@ -98,8 +90,35 @@ fn is_possible(states: &[State], stage: &Stage<'_>) -> Result<(), Error> {
             needed: all[worst],
             eye: states[worst].eyes.center().to_array(),
             yaw: states[worst].gazes.middle().0.to_degrees(),
+            pitch: states[worst].gazes.middle().1.to_degrees(),
+            images: 0,
         }),
         _ => Ok(()),
+    }
+}
+
+/// Which of the gaps needs most with the images that there are.
+fn unserved(gaps: &[State], images: &[Marked], stage: &Stage<'_>) -> Error {
+    let needed = |state: &State| {
+        let (yaw, pitch) = state.gazes.middle();
+        // All eyes and gazes of the gap together: what is left of it keeps the proof from ending.
+        let sweep = Sweep::new(state.eyes, state.gazes, &stage.compass, stage.field);
+        let middle = Sweep::one(state.eyes.center(), yaw, pitch, &stage.compass, stage.field);
+        let fit =
+            images.iter().filter(|m| m.image.is_beyond(&sweep.eyes) && middle.starts_at(m.image.viewpoint));
+        let with = fit.map(|m| stage.boxes.count(&sweep, Some(&m.marks), u32::MAX)).min();
+        with.unwrap_or(u32::MAX).min(stage.boxes.count(&sweep, None, u32::MAX))
+    };
+    let all: Vec<u32> = gaps.par_iter().map(needed).collect();
+    let worst = (0..all.len()).max_by_key(|&i| (all[i], std::cmp::Reverse(i))).expect("there are gaps");
+    let (yaw, pitch) = gaps[worst].gazes.middle();
+    Error::TooSmallBudget {
+        budget: stage.budget,
+        needed: all[worst],
+        eye: gaps[worst].eyes.center().to_array(),
+        yaw: yaw.to_degrees(),
+        pitch: pitch.to_degrees(),
+        images: images.len(),
     }
 }
 
@@ -284,4 +303,189 @@ fn prune(
     }
     let images = images.into_iter().zip(kept).filter(|i| i.1).map(|i| i.0).collect();
     Ok((images, leaves))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::Mesh;
+    use crate::placement::audit::{Audit, Backdrop, Group, whole};
+    use crate::placement::cells::Cells;
+    use crate::placement::count::Boxes;
+    use crate::placement::frame::{Answer, Plan};
+    use crate::placement::frustum::{Field, Frustum};
+    use crate::placement::gaze::Compass;
+    use proptest::prelude::*;
+    use std::f64::consts::TAU;
+    use std::sync::Arc;
+
+    const FIELD: Field = Field { tan_x: 0.577, tan_y: 0.433 };
+    const EXTENT: Field = Field { tan_x: 1.0, tan_y: 0.75 };
+    const SEARCH: Search =
+        Search { spacing: 0.25, margin: 0.5, state_edge: 0.25, state_turns: 24, most_leaves: 100_000 };
+
+    /// Small triangles, some of them in a clump.
+    fn soup() -> impl Strategy<Value = Mesh> {
+        let at = prop::array::uniform3(-1.0..1.0_f64);
+        let clump = prop::array::uniform3(-0.3..0.3_f64);
+        let offsets = prop::array::uniform3(prop::array::uniform3(-0.03..0.03_f64));
+        prop::collection::vec((prop_oneof![3 => at, 1 => clump], offsets), 600..1500).prop_map(|faces| {
+            let corners = |(at, offsets): &([f64; 3], [[f64; 3]; 3])| {
+                offsets.map(|o| std::array::from_fn::<f64, 3, _>(|i| at[i] + o[i]))
+            };
+            let vertices: Vec<_> = faces.iter().flat_map(corners).collect();
+            let faces = (0..faces.len() as u32).map(|f| [3 * f, 3 * f + 1, 3 * f + 2]).collect();
+            Mesh::new(&vertices, faces).unwrap()
+        })
+    }
+
+    struct Made {
+        cells: Arc<Cells>,
+        plan: Plan,
+        leaves: Vec<Leaf>,
+        audit: Audit,
+        domain: Bounds,
+        pitch: [f64; 2],
+    }
+
+    /// A plan for gazes pitched by up to `steep`, and a second opinion on it.
+    fn made(mesh: &Mesh, share: f64, steep: f64) -> Option<Made> {
+        let cells = Arc::new(Cells::new(mesh, 4));
+        let boxes = Arc::new(Boxes::new(&cells));
+        let compass = Compass::new(DVec3::Y);
+        let budget = (mesh.faces().len() as f64 * share) as u32;
+        let domain = cells.nodes()[0].bounds;
+        let pitches = if steep > 0.0 { vec![-0.2, 0.0, 0.2] } else { vec![0.0] };
+        let aims =
+            (0..36).flat_map(|i| pitches.iter().map(move |&p| (TAU * f64::from(i) / 36.0, p))).collect();
+        let pitch = [-steep, steep];
+        let target = budget * 9 / 10;
+        let reach = 10.0;
+        let (field, extent) = (FIELD, EXTENT);
+        let stage = Stage {
+            cells: &cells,
+            boxes: &boxes,
+            compass,
+            field,
+            extent,
+            budget,
+            target,
+            domain,
+            pitch,
+            aims,
+            reach,
+        };
+        let placed = match place(&stage, SEARCH, &Control::default()) {
+            Err(Error::TooSmallBudget { needed, .. }) => {
+                assert!(needed > 0);
+                return None;
+            }
+            placed => placed.unwrap(),
+        };
+        let marked = |image: &Image| Marked { image: *image, marks: image.marks(&cells) };
+        let nodes = cells.nodes().iter().filter(|n| n.own_count() > 0);
+        let audit = Audit {
+            groups: nodes
+                .map(|n| Group { center: n.own.center(), half: n.own.size() * 0.5, faces: n.own_count() })
+                .collect(),
+            backdrops: placed.images.iter().map(|i| Backdrop::new(i.viewpoint, i.corners())).collect(),
+            axes: [compass.ahead, compass.beside, compass.up],
+            tangents: [FIELD.tan_x, FIELD.tan_y],
+            budget,
+            slack: 1e-12,
+        };
+        let images = placed.images.iter().map(marked).collect();
+        let plan =
+            Plan { cells: cells.clone(), boxes: boxes.clone(), compass, field, budget, images, shell: 0 };
+        Some(Made { cells: cells.clone(), plan, leaves: placed.leaves, audit, domain, pitch })
+    }
+
+    impl Made {
+        fn audited(&self, leaves: &[Leaf]) -> Result<(), Error> {
+            let spans: Vec<_> = leaves
+                .iter()
+                .map(|l| {
+                    let (low, high, g) = (l.state.eyes.low, l.state.eyes.high, l.state.gazes);
+                    [[low.x, high.x], [low.y, high.y], [low.z, high.z], g.yaw, g.pitch]
+                })
+                .collect();
+            let images: Vec<_> = leaves
+                .iter()
+                .map(|l| match l.served {
+                    Served::By(image) => image as i32,
+                    _ => -1,
+                })
+                .collect();
+            let domain = whole(self.domain.low, self.domain.high, self.pitch);
+            self.audit.proof(&spans, &images, domain, &Control::default())
+        }
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(6))]
+
+        /// Face by face, not cell by cell: whatever a frame doesn't draw is outside the frustum or behind the image.
+        #[test]
+        fn every_face_is_drawn_or_outside_or_behind(
+            mesh in soup(), share in 0.3..0.7_f64, steep in prop_oneof![Just(0.0), Just(0.2)],
+            frames in prop::collection::vec(prop::array::uniform5(0.0..1.0_f64), 40),
+        ) {
+            let Some(made) = made(&mesh, share, steep) else { return Ok(()) };
+            prop_assert!(made.audited(&made.leaves).is_ok());
+            for [x, y, z, turn, tilt] in frames {
+                let eye = made.domain.low + made.domain.size() * DVec3::new(x, y, z);
+                let (yaw, pitch) = (turn * TAU, (2.0 * tilt - 1.0) * steep);
+                let mut ranges = Vec::new();
+                let answer = made.plan.frame(eye, yaw, pitch, &mut ranges);
+                prop_assert!(answer != Answer::Nothing);
+                let mut drawn = vec![false; mesh.faces().len()];
+                for place in ranges.into_iter().flatten() {
+                    drawn[made.cells.order()[place as usize] as usize] = true;
+                }
+                prop_assert!(drawn.iter().filter(|d| **d).count() <= made.plan.budget as usize);
+                let frustum = Frustum::new(eye, made.plan.compass.forward(yaw, pitch), DVec3::Y, FIELD);
+                for (face, drawn) in drawn.into_iter().enumerate() {
+                    let corners = mesh.corners(face);
+                    let outside = frustum.normals.iter().any(|n| corners.iter().all(|c| n.dot(*c - eye) < 1e-9));
+                    let behind = match answer {
+                        Answer::Image(index) => corners.iter().all(|c| {
+                            let i = made.plan.images[index].image;
+                            let at = *c - i.viewpoint;
+                            let depth = i.forward.dot(at);
+                            let (x, y) = (i.right.dot(at) / depth, i.up.dot(at) / depth);
+                            depth >= i.distance - 1e-9
+                                && (i.extent[0] - 1e-9..=i.extent[1] + 1e-9).contains(&x)
+                                && (i.extent[2] - 1e-9..=i.extent[3] + 1e-9).contains(&y)
+                        }),
+                        _ => false,
+                    };
+                    prop_assert!(drawn || outside || behind);
+                }
+            }
+        }
+
+        /// A proof that lost a part, gave it to no image, or to one that is too near, is none.
+        #[test]
+        fn a_broken_proof_is_refused(mesh in soup(), share in 0.3..0.7_f64, pick in 0.0..1.0_f64) {
+            let Some(made) = made(&mesh, share, 0.0) else { return Ok(()) };
+            let lost = (pick * made.leaves.len() as f64) as usize;
+            let mut leaves = made.leaves.clone();
+            leaves.remove(lost);
+            prop_assert!(made.audited(&leaves).is_err());
+            let by: Vec<_> =
+                (0..made.leaves.len()).filter(|&l| matches!(made.leaves[l].served, Served::By(_))).collect();
+            if let Some(&one) = by.get((pick * by.len() as f64) as usize) {
+                let mut leaves = made.leaves.clone();
+                leaves[one].state.gazes.yaw[1] -= 1e-6;
+                prop_assert!(made.audited(&leaves).is_err());
+                let mut leaves = made.leaves.clone();
+                // The prover asks for an image only where the whole box doesn't fit without.
+                leaves[one].served = Served::Bare;
+                let state = leaves[one].state;
+                let sweep = Sweep::new(state.eyes, state.gazes, &made.plan.compass, FIELD);
+                let fits = made.plan.boxes.count(&sweep, None, made.plan.budget) <= made.plan.budget;
+                prop_assert_eq!(made.audited(&leaves).is_ok(), fits);
+            }
+        }
+    }
 }

@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from .. import _core
 from ..progress import Progress, reporter
 from .verify import cell_boxes
 
 if TYPE_CHECKING:
     from .plan import Plan
 
-__all__ = ["Check", "check", "random_frames"]
+__all__ = ["Check", "check", "look", "random_frames"]
 
 Floats = npt.NDArray[np.float64]
 
@@ -31,7 +32,7 @@ class Check:
     frames, with_image : int
         All that were drawn, and those of them that need an image.
     violations : int
-        Frames that draw more than the budget.
+        Frames that draw more than the budget, or would without an image that isn't there.
     lost : int
         Frames in which a face of the frustum is neither drawn nor behind the quadrilateral.
     past : int
@@ -84,69 +85,73 @@ def random_frames(plan: Plan, count: int, seed: int) -> tuple[Floats, Floats]:
     return eyes, gazes + np.sin(pitch)[:, None] * up
 
 
-def check(plan: Plan, frames: int, seed: int, progress: Progress) -> Check:
+def check(plan: Plan, frames: int, seed: int, threads: int | None, progress: Progress) -> Check:
     """See `Plan.check`."""
     eyes, gazes = random_frames(plan, frames, seed)
-    order, starts = plan.cells()
-    low, high = cell_boxes(order, starts, plan.scene)
-    centers, halves = (low + high) / 2, (high - low) / 2
-    sizes = np.diff(np.append(starts, len(order)))
-    cell = np.empty(len(order), np.int64)
-    cell[order] = np.repeat(np.arange(len(starts)), sizes)
+    return look(plan, eyes, gazes, threads=threads, progress=progress)
+
+
+def look(
+    plan: Plan, eyes: npt.ArrayLike, gazes: npt.ArrayLike, *, threads: int | None = None, progress: Progress = None
+) -> Check:
+    """Draws frames of a plan and looks at each.
+
+    Parameters
+    ----------
+    plan : Plan
+    eyes, gazes : (N, 3) array_like of float
+        In the plan's domain, and as its directions allow; gazes have unit length.
+    threads : int, optional
+        All cores by default.
+    progress : bool or callable, optional
+        One unit is a frame.
+
+    Examples
+    --------
+    >>> import cyclorama as cyc
+    >>> plan = cyc.place_images(cyc.scenes.pipes(20_000), budget=13_000, progress=False)
+    >>> look(plan, [[0, 0, -0.9]], [[0, 0, 1]], progress=False).is_sound
+    True
+    """
+    at = np.ascontiguousarray(eyes, dtype=np.float64)
+    along = np.ascontiguousarray(gazes, dtype=np.float64)
+    angles = np.array([plan.angles(gaze) for gaze in along]).reshape(-1, 2)
     edge = float((plan.domain[1] - plan.domain[0]).max())
     slack = _ROUNDING * (edge + float(np.abs(plan.domain).max()))
-    out = np.empty(min(plan.budget, len(plan.scene)), np.uint32)
-    violations = lost = past = outside = over = most = 0
-    distances = []
-    tangents = plan.tangents
-    with reporter(progress, frames, "checking frames") as report:
-        for done, (eye, gaze) in enumerate(zip(eyes, gazes, strict=True)):
-            frame = plan.frame(eye, gaze, out)
-            count = len(frame.faces)
-            most = max(most, count)
-            violations += count > plan.budget
-            over += count > plan.optimize_to
-            sides = _sides(gaze, plan.axes[2], tangents)
-            missed = ((centers - eye) @ sides.T + halves @ np.abs(sides).T < slack).any(axis=1)
-            drawn = np.bincount(cell[frame.faces], minlength=len(starts)) == sizes
-            gone = ~(missed | drawn)
-            if frame.image is not None:
-                image = frame.image
-                to_eye = eye - image.viewpoint
-                distances.append(float(np.linalg.norm(to_eye)) / edge)
-                outside += bool((sides @ to_eye < -slack).any())
-                depth = image.forward @ (image.corners[0] - image.viewpoint)
-                past += bool(image.forward @ to_eye >= depth)
-                rays = image.corners - image.viewpoint
-                walls = np.cross(rays, np.roll(rays, -1, axis=0))
-                walls *= np.sign(walls @ image.forward)[:, None]
-                least = (centers - image.viewpoint) @ image.forward - halves @ np.abs(image.forward)
-                held = (centers - image.viewpoint) @ walls.T - halves @ np.abs(walls).T
-                gone &= ~((least >= depth - slack) & (held >= -slack * np.linalg.norm(walls, axis=1)).all(axis=1))
-            lost += bool(gone.any())
-            report(done + 1)
+    opinion, starts = audit(plan, slack)
+    with reporter(progress, len(at), "checking frames") as report:
+        counts, image, flags, distances = plan._kernel.check(opinion, starts, at, along, angles, threads, report)
+    lost, past, outside = flags.sum(axis=0)
+    far = distances[image >= 0] / edge
     return Check(
-        frames=frames,
-        with_image=len(distances),
-        violations=violations,
-        lost=lost,
-        past=past,
-        outside=outside,
-        over_target=over,
-        most=most,
-        median_distance=float(np.median(distances)) if distances else 0.0,
-        greatest_distance=max(distances, default=0.0),
+        frames=len(at),
+        with_image=len(far),
+        violations=int(((counts > plan.budget) | (image == -2)).sum()),
+        lost=int(lost),
+        past=int(past),
+        outside=int(outside),
+        over_target=int((counts > plan.optimize_to).sum()),
+        most=int(counts.max(initial=0)),
+        median_distance=float(np.median(far)) if len(far) else 0.0,
+        greatest_distance=float(far.max(initial=0.0)),
     )
 
 
-def _sides(forward: Floats, up: Floats, tangents: tuple[float, float]) -> Floats:
-    """(4, 3) inward unit normals of a frustum's side planes."""
-    forward = forward / np.linalg.norm(forward)
-    right = np.cross(forward, up)
-    right /= np.linalg.norm(right)
-    above = np.cross(right, forward)
-    tan_x, tan_y = tangents
-    sides = np.stack(
-        [right + forward * tan_x, forward * tan_x - right, above + forward * tan_y, forward * tan_y - above]
+def audit(plan: Plan, slack: float) -> tuple[_core.Audit, npt.NDArray[np.int64]]:
+    """What the second opinion knows of a plan, with the starts of the cells."""
+    order, starts = plan.cells()
+    low, high = cell_boxes(order, starts, plan.scene)
+    sizes = np.diff(np.append(starts, len(order))).astype(np.uint32)
+    images = plan.images
+    opinion = _core.Audit(
+        low,
+        high,
+        sizes,
+        plan.viewpoints[images.viewpoint],
+        images.corners.reshape(-1, 3),
+        plan.axes.tolist(),
+        plan.tangents,
+        plan.budget,
+        slack,
     )
-    return np.asarray(sides / np.linalg.norm(sides, axis=1)[:, None])
+    return opinion, starts

@@ -160,37 +160,110 @@ class GridPlan:
         faces, over = drawn(np.logical_and(seen, ~(inside & beyond)))
         return GridFrame(faces, image, viewpoint, "over budget" if over else None)
 
-    def check(self, frames: int = 1000, seed: int = 0) -> dict[str, int]:
+    def aimed_frames(self, count: int, seed: int = 0, steps: int = 80) -> tuple[Floats, Floats]:
+        """Frames whose closest viewpoint is far from the eye for its star-shape, found by climbing from random ones.
+
+        Parameters
+        ----------
+        count : int
+            How many climbs.
+        seed : int
+        steps : int
+            Of each climb: random steps of eye and yaw, ever shorter, taken where the distance over the star-shape's
+            radius grows.
+
+        Returns
+        -------
+        eyes, gazes : (N, 3) ndarray of float64
+        """
+        rng = np.random.default_rng(seed)
+        low, high = self.domain
+        eyes, yaws = rng.uniform(low, high, (count, 3)), rng.uniform(0, 2 * np.pi, count)
+        best = self._far(eyes, yaws)
+        for step in 0.3 * 0.93 ** np.arange(steps):
+            tried = np.clip(eyes + rng.normal(0, step, (count, 3)) * (high - low), low, high)
+            turned = yaws + rng.normal(0, step, count)
+            far = self._far(tried, turned)
+            better = far > best
+            eyes[better], yaws[better], best[better] = tried[better], turned[better], far[better]
+        return eyes, self._gazes(yaws)
+
+    def _gazes(self, yaws: Floats) -> Floats:
+        """(N, 3) level gazes; the yaws of `yaw`, in radians."""
+        k = int(np.flatnonzero(self.up)[0])
+        gazes = np.zeros((len(yaws), 3))
+        gazes[:, (k + 1) % 3] = np.cos(yaws)
+        gazes[:, (k + 2) % 3] = np.sin(yaws) * np.sign(self.up[k])
+        return gazes
+
+    def _far(self, eyes: Floats, yaws: Floats) -> Floats:
+        """(N,) distances to the closest viewpoints in the reverse frusta over the radii of their star-shapes; 0 for
+        those without one, infinite where there is no viewpoint."""
+        ahead = self._gazes(yaws)
+        up = np.array(self.up) / np.linalg.norm(self.up)
+        right = np.cross(ahead, up)
+        across, upward = self.image_tangents
+        away = eyes[:, None] - self.viewpoints
+        x, y, z = (np.einsum("nvi,ni->nv", away, axis) for axis in (right, np.broadcast_to(up, ahead.shape), ahead))
+        behind = (np.abs(x) <= across * z) & (np.abs(y) <= upward * z)
+        distances = np.where(behind, np.linalg.norm(away, axis=2), np.inf)
+        closest = distances.argmin(axis=1)
+        nearest = distances[np.arange(len(eyes)), closest]
+        radii = self.radii[closest]
+        return np.where(radii > 0, nearest / np.where(radii > 0, radii, 1), np.where(np.isinf(nearest), np.inf, 0.0))
+
+    def check(self, frames: int = 1000, seed: int = 0, *, aimed: bool = False) -> dict[str, int]:
         """Random frames and their faults, by kind: half of the eyes near the domain's surface, looking inward.
+
+        Parameters
+        ----------
+        frames, seed : int
+        aimed : bool
+            The frames of `aimed_frames` in place of random ones, which hardly ever find what the dissertation's
+            star-shapes leave out.
 
         Returns
         -------
         dict
-            "frames", "with image", "most drawn" (of frames without a fault), and the count of each fault.
+            "frames", "with image", "most drawn" (of frames without a fault), "outside the star-shape" (frames over the
+            budget that are farther from their viewpoint than its radius), and the count of each fault.
         """
-        rng = np.random.default_rng(seed)
-        low, high = self.domain
         faults: Counter[str] = Counter()
-        images = most = 0
-        for k in range(frames):
-            share = rng.random(3)
-            angle = rng.uniform(0, 2 * np.pi)
-            axis = int(np.flatnonzero(self.up)[0])
-            gaze = np.zeros(3)
-            gaze[(axis + 1) % 3], gaze[(axis + 2) % 3] = np.cos(angle), np.sin(angle)
-            if k % 2:
-                # Near a face, an edge or a corner; turned around if it looks outward.
-                near = rng.random(3) < 0.6
-                share = np.where(near, np.round(share) + (0.5 - np.round(share)) * 0.02 * rng.random(3), share)
-                gaze *= 1 if gaze @ ((low + high) / 2 - (low + share * (high - low))) >= 0 else -1
-            found = self.frame(low + share * (high - low), gaze)
+        images = most = far = 0
+        eyes, gazes = self.aimed_frames(frames, seed) if aimed else self._random_frames(frames, seed)
+        for eye, gaze in zip(eyes, gazes, strict=True):
+            found = self.frame(eye, gaze)
             if found.fault is not None:
                 faults[found.fault] += 1
             else:
                 most = max(most, len(found.faces))
             images += found.image is not None
+            if found.viewpoint is not None:
+                away = float(np.linalg.norm(eye - self.viewpoints[found.viewpoint]))
+                far += away > self.radii[found.viewpoint] * (1 + 1e-9)
         kinds = ("no viewpoint", "no image", "past the image", "over budget")
-        return {"frames": frames, "with image": images, "most drawn": most} | {kind: faults[kind] for kind in kinds}
+        return {
+            "frames": frames,
+            "with image": images,
+            "most drawn": most,
+            "outside the star-shape": far,
+        } | {kind: faults[kind] for kind in kinds}
+
+    def _random_frames(self, frames: int, seed: int) -> tuple[Floats, Floats]:
+        rng = np.random.default_rng(seed)
+        low, high = self.domain
+        eyes, gazes = [], []
+        for k in range(frames):
+            share = rng.random(3)
+            gaze = self._gazes(rng.uniform(0, 2 * np.pi, 1))[0]
+            if k % 2:
+                # Near a face, an edge or a corner; turned around if it looks outward.
+                near = rng.random(3) < 0.6
+                share = np.where(near, np.round(share) + (0.5 - np.round(share)) * 0.02 * rng.random(3), share)
+                gaze *= 1 if gaze @ ((low + high) / 2 - (low + share * (high - low))) >= 0 else -1
+            eyes.append(low + share * (high - low))
+            gazes.append(gaze)
+        return np.array(eyes).reshape(-1, 3), np.array(gazes).reshape(-1, 3)
 
 
 def place_on_grid(

@@ -13,23 +13,24 @@ import numpy.typing as npt
 from .. import _core
 from ..archives import read_archive, write_archive
 from ..fingerprint import fingerprint
-from ..progress import Progress
+from ..progress import Progress, reporter
 from ..scene import Scene
-from .check import Check, check
+from .check import Check, audit, check
 from .prediction import Prediction, predict
-from .verify import FORMAT, check_proof, verify
+from .verify import FORMAT, ROUNDING
 
 if TYPE_CHECKING:
     from .backdrops import Backdrops
     from .drawing import Drawn
+    from .grid import GridPlan
 
-__all__ = ["Frame", "Image", "Images", "Plan"]
+__all__ = ["Frame", "Image", "Images", "Plan", "Proof", "axes"]
 
 Floats = npt.NDArray[np.float64]
 Directions = Literal["yaw", "sphere"]
 
-_FORMAT = "cyclorama placement plan 1"
-_SAVED = ("budget", "optimize_to", "fov_x", "aspect", "directions", "leaf_depth")
+_FORMAT = "cyclorama placement plan 2"
+_SAVED = ("budget", "optimize_to", "fov_x", "aspect", "directions", "leaf_depth", "shell")
 
 # Gazes of a yaw plan may be off the horizon by so many degrees: what normalizing in float32 leaves.
 _LEVEL = 1e-4
@@ -139,6 +140,10 @@ class Plan:
         Of each image its viewpoint's row, yaw and pitch in radians, distance of the plane, and where the quadrilateral
         ends over that distance: left, right, bottom, top.
     proof : Proof
+    shell : int
+        So many of the images, the last ones, are for eyes beyond the domain: all of the scene is behind each.
+    grid : GridPlan or None
+        The grid that the images are of, where it was asked for; files don't keep it.
     """
 
     scene: Scene
@@ -153,7 +158,9 @@ class Plan:
     viewpoints: Floats
     parameters: Floats
     proof: Proof
+    shell: int
     _cells: _core.Cells = field(repr=False)
+    grid: GridPlan | None = field(default=None, repr=False)
     _painted: list[Backdrops] = field(default_factory=list, repr=False)
 
     def __repr__(self) -> str:
@@ -168,12 +175,24 @@ class Plan:
         half = float(np.tan(np.radians(self.fov_x) / 2))
         return half, half / self.aspect
 
+    @property
+    def gaps(self) -> float:
+        """The share of all eyes and gazes that no image is proved to serve: 0 but for a grid whose star-shapes are the
+        dissertation's."""
+        boxes = self.proof.boxes
+        spans = boxes[:, [3, 4, 5, 7]] - boxes[:, [0, 1, 2, 6]]
+        if self.directions == "sphere":
+            spans = np.column_stack([spans, np.sin(boxes[:, 9]) - np.sin(boxes[:, 8])])
+        sizes = spans.prod(axis=1)
+        return float(sizes[self.proof.image == -2].sum() / sizes.sum())
+
     @cached_property
     def _kernel(self) -> _core.Plan:
         viewpoints = np.ascontiguousarray(self.viewpoints[self.parameters[:, 0].astype(np.int64)])
         rest = np.ascontiguousarray(self.parameters[:, 1:])
         up = (float(self.up[0]), float(self.up[1]), float(self.up[2]))
-        return _core.Plan(self._cells, viewpoints, rest, up, self.tangents, self.budget)
+        domain = self.domain.tolist()
+        return _core.Plan(self._cells, viewpoints, rest, self.shell, domain, up, self.tangents, self.budget)
 
     @cached_property
     def images(self) -> Images:
@@ -201,12 +220,13 @@ class Plan:
         """What to draw for an eye and a gaze.
 
         Of the images whose viewpoint lies in the reverse frustum, whose plane lies beyond the eye, and with which the
-        budget is kept, that of the closest viewpoint is taken.
+        budget is kept, that of the closest viewpoint is taken. Beyond the domain, an image of the shell stands for all
+        of the scene where that is too much.
 
         Parameters
         ----------
         eye : (3,) array_like of float
-            In `domain`.
+            In `domain`, or before the plane of an image of the shell.
         forward : (3,) array_like of float
             The direction of view, of any length but zero.
         out : (B,) ndarray of uint32, optional
@@ -219,8 +239,8 @@ class Plan:
         Raises
         ------
         ValueError
-            If the eye is not finite or not in the domain, the direction is zero or not finite, or not level though
-            the plan is for level gazes.
+            If the eye is not finite or nothing is placed for it, the direction is zero or not finite, or not level
+            though the plan is for level gazes.
 
         Examples
         --------
@@ -231,46 +251,69 @@ class Plan:
         True
         """
         at = _vector("eye", eye)
-        if not ((at >= self.domain[0]) & (at <= self.domain[1])).all():
-            low, high = self.domain.round(6).tolist()
-            raise ValueError(f"eye {at.tolist()} is outside plan.domain, {low} to {high}: no image is placed for it")
-        gaze = _vector("forward", forward)
-        largest = np.abs(gaze).max()
-        if largest == 0:
-            raise ValueError("forward is zero: it must be a direction")
-        yaw, pitch = self._kernel.angles(tuple((gaze / largest).tolist()))
-        if self.directions == "yaw":
-            if abs(np.degrees(pitch)) > _LEVEL:
-                raise ValueError(
-                    f"forward {gaze.tolist()} is pitched by {np.degrees(pitch):.4g} degrees, and this plan is for "
-                    "level gazes: only those are placed"
-                )
-            pitch = 0.0
+        yaw, pitch = self.angles(forward)
         if out is None:
             out = np.empty(min(self.budget, len(self.scene)), np.uint32)
         elif out.dtype != np.uint32 or out.ndim != 1 or len(out) < min(self.budget, len(self.scene)):
             raise ValueError(f"out must be {self.budget} uint32, got {out.shape} {out.dtype}")
         count, index = self._kernel.frame((float(at[0]), float(at[1]), float(at[2])), yaw, pitch, out)
         if index == -2:
-            raise AssertionError("the proof says that an image serves this eye and gaze; please report it")
+            if ((at >= self.domain[0]) & (at <= self.domain[1])).all():
+                if self.gaps > 0:
+                    raise ValueError(
+                        f"no image serves eye {at.tolist()} with that gaze: the star-shapes of the plan's grid are not "
+                        'proved; star_shape="certified" are'
+                    )
+                raise AssertionError("the proof says that an image serves this eye and gaze; please report it")
+            low, high = self.domain.round(6).tolist()
+            raise ValueError(
+                f"eye {at.tolist()} is outside plan.domain, {low} to {high}, and not before any image of the shell: "
+                "no image is placed for it"
+            )
         return Frame(out[:count], None if index == -1 else self.image(index))
+
+    def angles(self, forward: npt.ArrayLike) -> tuple[float, float]:
+        """Yaw and pitch of a gaze, in radians.
+
+        Raises
+        ------
+        ValueError
+            If the direction is zero or not finite, or not level though the plan is for level gazes.
+
+        Examples
+        --------
+        >>> import cyclorama as cyc
+        >>> plan = cyc.place_images(cyc.scenes.pipes(20_000), budget=13_000, progress=False)
+        >>> plan.angles([0, 0, 2])
+        (0.0, 0.0)
+        """
+        gaze = _vector("forward", forward)
+        largest = np.abs(gaze).max()
+        if largest == 0:
+            raise ValueError("forward is zero: it must be a direction")
+        yaw, pitch = self._kernel.angles(tuple((gaze / largest).tolist()))
+        if self.directions == "sphere":
+            return yaw, pitch
+        if abs(np.degrees(pitch)) > _LEVEL:
+            raise ValueError(
+                f"forward {gaze.tolist()} is pitched by {np.degrees(pitch):.4g} degrees, and this plan is for "
+                'level gazes: only those are placed; directions="sphere" places for all'
+            )
+        return yaw, 0.0
 
     @property
     def axes(self) -> Floats:
         """(3, 3) unit vectors from which angles of the proof are measured: ahead, beside (a yaw of 90 degrees), up."""
-        up = self.up / np.linalg.norm(self.up)
-        x, y, z = np.abs(self.up)
-        axis = np.eye(3)[2 if y >= max(x, z) else 0 if z >= x else 1]
-        ahead = axis - up * (up @ axis)
-        ahead /= np.linalg.norm(ahead)
-        return np.stack([ahead, np.cross(up, ahead), up])
+        return axes(self.up)
 
     def cells(self) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.int64]]:
         """The faces, those of a cell one after another, and where each cell starts."""
         nodes = self._cells.nodes().astype(np.int64)
         return self._cells.order(), nodes[nodes[:, 1] > nodes[:, 0], 0]
 
-    def check(self, frames: int = 1000, seed: int = 0, *, progress: Progress = None) -> Check:
+    def check(
+        self, frames: int = 1000, seed: int = 0, *, threads: int | None = None, progress: Progress = None
+    ) -> Check:
         """Draws random frames, half of them near faces, edges and corners of the domain and looking inwards.
 
         Each is looked at with other code than drew it: whether the budget holds, each cell of faces is drawn, outside
@@ -285,10 +328,24 @@ class Plan:
         """
         if not (isinstance(frames, (int, np.integer)) and frames >= 1):
             raise ValueError(f"frames must be an integer of at least 1, got {frames!r}")
-        return check(self, int(frames), seed, progress)
+        return check(self, int(frames), seed, threads, progress)
 
-    def certify(self, path: str | os.PathLike[str] | None = None) -> int:
-        """Checks the proof box by box with an independent verifier, as it was written to a file if one is given.
+    def certify(
+        self, path: str | os.PathLike[str] | None = None, *, threads: int | None = None, progress: Progress = None
+    ) -> int:
+        """Checks the proof box by box, with code that shares nothing with what made it, and writes it if asked to.
+
+        `cyclorama.placement.verify.verify` reads the file and checks it once more in plain NumPy, some hundred boxes a
+        second.
+
+        Parameters
+        ----------
+        path : path, optional
+            The certificate, an `.npz` file.
+        threads : int, optional
+            All cores by default.
+        progress : bool or callable, optional
+            One unit is a box.
 
         Returns
         -------
@@ -298,7 +355,7 @@ class Plan:
         Raises
         ------
         ValueError
-            If the proof does not hold; `cyclorama.placement.verify.verify` reads the file and says the same.
+            If the proof does not hold: the message names what fails.
 
         Examples
         --------
@@ -307,8 +364,20 @@ class Plan:
         >>> plan.certify() == len(plan.proof)
         True
         """
+        header, arrays = self._certificate()
+        slack = ROUNDING * float(np.abs(self.scene.bounds).max() + np.abs(self.domain).max())
+        opinion, _ = audit(self, slack)
+        with reporter(progress, len(self.proof), "checking the proof") as report:
+            domain, pitch = self.domain.tolist(), tuple(header["pitch"])
+            opinion.proof(self.proof.boxes, self.proof.image, domain, pitch, threads, report)
+        if path is not None:
+            write_archive(path, FORMAT, header, arrays)
+        return len(self.proof)
+
+    def _certificate(self) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
+        """Header and arrays of the file that `verify` reads."""
         order, starts = self.cells()
-        header = {
+        header: dict[str, Any] = {
             "scene": fingerprint(self.scene),
             "budget": self.budget,
             "tangents": self.tangents,
@@ -324,10 +393,7 @@ class Plan:
             "viewpoints": self.viewpoints[self.images.viewpoint],
             "corners": self.images.corners,
         }
-        if path is None:
-            return check_proof(header, arrays, self.scene)
-        write_archive(path, FORMAT, header, arrays)
-        return verify(path, self.scene)
+        return header, arrays
 
     def culled(self, index: int) -> npt.NDArray[np.uint32]:
         """The faces that an image stands for.
@@ -490,6 +556,16 @@ class Plan:
         images = self.images
         viewpoint = self.viewpoints[images.viewpoint[index]]
         return Image(int(index), viewpoint, images.corners[index], images.forward[index])
+
+
+def axes(up: Floats) -> Floats:
+    """See `Plan.axes`."""
+    x, y, z = np.abs(up)
+    upright = up / np.linalg.norm(up)
+    axis = np.eye(3)[2 if y >= max(x, z) else 0 if z >= x else 1]
+    ahead = axis - upright * (upright @ axis)
+    ahead /= np.linalg.norm(ahead)
+    return np.stack([ahead, np.cross(upright, ahead), upright])
 
 
 def _vector(name: str, value: npt.ArrayLike) -> Floats:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -10,12 +11,46 @@ import numpy.typing as npt
 from .. import _core
 from ..progress import Progress, reporter
 from ..scene import Scene
-from .plan import Directions, Plan, Proof
+from .grid import GridPlan, place_on_grid
+from .optimising import WEIGHTS
+from .plan import Directions, Plan, Proof, axes
 
 __all__ = ["place_images"]
 
-# Images are aimed in steps of 5 degrees: half of what a quadrilateral exceeds the usual field of view by.
-_AIMS = 72
+Method = Literal["cover", "paper", "windows", "annealing"]
+
+# What the kernel answers: viewpoints and the rest of images, boxes of the proof and what serves them.
+Arrays = tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]
+Placed = tuple[Arrays, tuple[npt.NDArray[np.float64], npt.NDArray[np.int32]]]
+
+# A grid's viewpoints may be as far away as they are, and its proof ends at boxes of this share of the longest edge.
+_ANYWHERE, _LEAST = 1e3, 1 / 128
+
+# How images are searched for, none of which changes what is proved: aims in a turn; between viewpoints, and how far
+# beyond the domain, in longest edges; boxes of eyes and gazes that are looked at together, in edges and parts of a
+# turn; boxes of a proof that are too many, twenty times what even scenes take.
+# Over the sphere there are so many more gazes that all steps are wider.
+_STEPS = {
+    "yaw": {
+        "aims": 72,
+        "spacing": 1 / 8,
+        "margin": 1 / 2,
+        "state_edge": 1 / 12,
+        "state_turns": 36,
+        "most_leaves": 200_000,
+    },
+    "sphere": {
+        "aims": 36,
+        "spacing": 1 / 6,
+        "margin": 1 / 2,
+        "state_edge": 1 / 8,
+        "state_turns": 24,
+        "most_leaves": 4_000_000,
+    },
+}
+
+# Images of the shell to a side, along each of its edges.
+_MOST_SHELL = 16
 
 # Degrees that images are wider than the frames: with 12, cells as large as those of 20,000 pipes straddle the borders
 # of the quadrilaterals and the proof does not end; with 30, 1M pipes need as few images as with 12.
@@ -30,6 +65,10 @@ _LEAST_FOV, _MOST_FOV, _MOST_ASPECT = 5.0, 120.0, 10.0
 
 # As in the kernel.
 _MOST_LEVELS = 10
+
+# Where cells are large against the budget, the next smaller ones are tried, so many times: then a leaf has a 64th of
+# the faces.
+_DEEPER = 2
 
 # Flatter than this share of its longest edge, a scene has no volume.
 _FLAT = 1e-9
@@ -48,9 +87,16 @@ def place_images(
     up: npt.ArrayLike = (0, 1, 0),
     domain: npt.ArrayLike | None = None,
     directions: Directions = "yaw",
+    method: Method = "cover",
     leaf_depth: int = 5,
+    grid: Sequence[int] = (3, 3, 3),
+    weights: Sequence[float] = WEIGHTS,
+    star_shape: Literal["certified", "paper"] = "certified",
+    subdivide: Literal["count", "solve"] = "solve",
+    lookahead: int = 1,
     image_fov: float | None = None,
     reach: float = 1.2,
+    shell: int = 1,
     threads: int | None = None,
     progress: Progress = None,
 ) -> Plan:
@@ -74,14 +120,26 @@ def place_images(
     domain : (2, 3) array_like of float, optional
         Where eyes may be: lowest and highest coordinates. By default the scene's bounds and a little more.
     directions : {"yaw", "sphere"}
-        Whether gazes are level, or any.
+        Whether gazes are level, or any. Frames have no roll; straight up and down, where yaw turns the frame, they may
+        be turned in any way.
+    method : {"cover", "paper", "windows", "annealing"}
+        How images are found: by the greedy cover above, or on the adaptive grid of the 1998 dissertation (chapter 3)
+        with its search, a better one that never reaches less, or simulated annealing. A plan from a grid is for level
+        gazes and the scene's bounds, is proved by the same division of boxes, and has its `grid`.
     leaf_depth : int
-        Of the octree that faces are counted and culled in.
+        Of the octree that faces are counted and culled in. Where the budget is too small for its leaves, up to two
+        levels more are tried; `Plan.leaf_depth` says which it was.
+    grid, weights, star_shape, subdivide, lookahead
+        Of a grid's method; see `placement.place_on_grid`. With `star_shape="paper"` not all frames are served:
+        `Plan.gaps` says how many are not proved to be.
     image_fov : float, optional
-        The horizontal angle of an image as seen from its viewpoint, in degrees; by default a little more than `fov_x`,
-        so that neighbouring gazes share it.
+        The horizontal angle of an image as seen from its viewpoint, in degrees; by default 30 more than `fov_x`, so
+        that neighbouring gazes share it. For a grid the angle of the views that it is made for, by default `fov_x`.
     reach : float
         The greatest distance from an eye to the viewpoint of its image, in longest edges of the domain.
+    shell : int
+        For eyes beyond the domain there are so many times so many images before each side of the scene, all of which
+        lies behind each; 0 for none: then eyes beyond the domain are refused.
     threads : int, optional
         All cores by default; the plan doesn't depend on it.
     progress : bool or callable, optional
@@ -116,8 +174,12 @@ def place_images(
         raise ValueError(f"fov_x must be {_LEAST_FOV:g} to {_MOST_FOV:g} degrees, got {fov_x!r}")
     if not 1 / _MOST_ASPECT <= aspect <= _MOST_ASPECT:
         raise ValueError(f"aspect must be {1 / _MOST_ASPECT:g} to {_MOST_ASPECT:g}, got {aspect!r}")
-    if directions != "yaw":
-        raise ValueError(f"directions must be 'yaw', got {directions!r}: other pitches are not placed yet")
+    if directions not in ("yaw", "sphere"):
+        raise ValueError(f"directions must be 'yaw' or 'sphere', got {directions!r}")
+    if not (isinstance(shell, (int, np.integer)) and 0 <= shell <= _MOST_SHELL):
+        raise ValueError(f"shell must be an integer from 0 to {_MOST_SHELL}, got {shell!r}")
+    if method not in ("cover", "paper", "windows", "annealing"):
+        raise ValueError(f"method must be 'cover', 'paper', 'windows' or 'annealing', got {method!r}")
     if not (isinstance(leaf_depth, (int, np.integer)) and 0 <= leaf_depth <= _MOST_LEVELS):
         raise ValueError(f"leaf_depth must be an integer from 0 to {_MOST_LEVELS}, got {leaf_depth!r}")
     if not (np.isfinite(reach) and reach > 0):
@@ -139,27 +201,55 @@ def place_images(
     if not fov_x <= wide <= _MOST_IMAGE:
         raise ValueError(f"image_fov must be from fov_x, {fov_x:g}, to {_MOST_IMAGE:g} degrees, got {image_fov!r}")
     widening = float(np.tan(np.radians(wide) / 2)) / tan_x
-    cells = _core.Cells(scene._mesh, leaf_depth)
-    options = {
+    pitch = (0.0, 0.0) if directions == "yaw" else (-np.pi / 2, np.pi / 2)
+    options = _STEPS[directions] | {
         "domain": where.tolist(),
         "up": axis.tolist(),
-        "aims": [(2 * np.pi * i / _AIMS, 0.0) for i in range(_AIMS)],
+        "aims": _aims(int(_STEPS[directions]["aims"]), directions),
         "tan_x": tan_x,
         "tan_y": tan_x / aspect,
         "image_tan_x": tan_x * widening,
         "image_tan_y": tan_x / aspect * widening,
         "budget": int(budget),
         "target": int(target),
-        "pitch": (0.0, 0.0),
+        "pitch": pitch,
         "reach": reach * edge,
-        "spacing": 1 / 8,
-        "margin": 1 / 2,
-        "state_edge": 1 / 12,
-        "state_turns": 36,
     }
-    report: Callable[[int], object]
-    with reporter(progress, 100, "placing images") as report:
-        (places, rest), (boxes, served) = cells.place(options, threads, report)
+    if method != "cover":
+        if directions != "yaw" or domain is not None:
+            raise ValueError(
+                f"method={method!r} places for level gazes in the scene's bounds: leave directions and domain"
+            )
+        found = place_on_grid(
+            scene,
+            int(budget),
+            optimize_to=optimize_to,
+            fov_x=fov_x,
+            aspect=aspect,
+            image_fov=image_fov,
+            grid=grid,
+            leaf_depth=leaf_depth,
+            weights=weights,
+            up=up,
+            star_shape=star_shape,
+            subdivide=subdivide,
+            search=method,
+            lookahead=lookahead,
+            threads=threads,
+            progress=progress,
+        )
+        cells, depth = _core.Cells(scene._mesh, leaf_depth), leaf_depth
+        target = max(int(0.8 * budget), 1) if optimize_to is None else optimize_to
+        places, rest = _of_grid(found, axis)
+        options |= {"domain": found.domain.tolist(), "reach": _ANYWHERE * edge, "least": _LEAST}
+        boxes, served = cells.prove(options, places, rest, threads, None)
+    else:
+        found = None
+        cells, depth, ((places, rest), (boxes, served)) = _cover(scene, options, leaf_depth, threads, progress)
+    # The hull of the boxes: what was asked for, as it is after it went to the mesh's own units and back.
+    inside = np.stack([boxes[:, :3].min(axis=0), boxes[:, 3:6].max(axis=0)])
+    around, outer = _shell(scene, inside, axis, (tan_x, tan_x / aspect), int(shell) if budget < faces else 0)
+    places, rest = np.vstack([places, around]), np.vstack([rest, outer])
     viewpoints, rows = np.unique(places, axis=0, return_inverse=True)
     return Plan(
         scene=scene,
@@ -169,11 +259,97 @@ def place_images(
         aspect=float(aspect),
         up=axis,
         directions=directions,
-        # The hull of the boxes: what was asked for, as it is after it went to the mesh's own units and back.
-        domain=np.stack([boxes[:, :3].min(axis=0), boxes[:, 3:6].max(axis=0)]),
-        leaf_depth=leaf_depth,
+        domain=inside,
+        leaf_depth=depth,
         viewpoints=viewpoints,
         parameters=np.column_stack([rows.reshape(-1).astype(np.float64), rest]),
         proof=Proof(boxes, served),
+        shell=len(around),
+        grid=found,
         _cells=cells,
     )
+
+
+def _cover(
+    scene: Scene, options: dict[str, Any], leaf_depth: int, threads: int | None, progress: Progress
+) -> tuple[_core.Cells, int, Placed]:
+    """Images and their proof, with the cells that they are of and the level of those."""
+    deepest = max(leaf_depth, min(leaf_depth + _DEEPER, _MOST_LEVELS))
+    report: Callable[[int], object]
+    with reporter(progress, 100, "placing images") as report:
+        for depth in range(leaf_depth, deepest + 1):
+            cells = _core.Cells(scene._mesh, depth)
+            placed, small = cells.place(options, threads, report)
+            if placed is not None:
+                return cells, depth, placed
+    assert small is not None
+    raise ValueError(_too_small(options["budget"], deepest, *small))
+
+
+def _of_grid(found: GridPlan, up: npt.NDArray[np.float64]) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """A grid's images as viewpoints, (I, 3), and what `Plan.parameters` has of them."""
+    ahead, beside, upright = axes(up)
+    places, forward = found.viewpoints[found.images.viewpoint], found.images.forward
+    rays = found.images.corners - places[:, None]
+    yaw = np.arctan2(forward @ beside, forward @ ahead) % (2 * np.pi)
+    # As the kernel has them, so that the plane is the same to the last rounding.
+    level = np.cos(yaw)[:, None] * ahead + np.sin(yaw)[:, None] * beside
+    right = np.cross(level, upright)
+    distance = np.einsum("ikj,ij->ik", rays, level).min(axis=1)
+    x, y = np.einsum("ikj,ij->ik", rays, right), rays @ upright
+    ends = np.column_stack([x.min(axis=1), x.max(axis=1), y.min(axis=1), y.max(axis=1)]) / distance[:, None]
+    return places, np.column_stack([yaw, np.zeros(len(yaw)), distance, ends])
+
+
+def _too_small(budget: int, depth: int, needed: int, eye: list[float], yaw: float, pitch: float, images: int) -> str:
+    """Where a budget is too small, how much is needed there, and what would do."""
+    which = f"the best of {images} images" if images else "any image"
+    where = (
+        f"an eye at {[round(x, 6) for x in eye]} that looks along a yaw of {yaw:.4g} degrees, pitched by {pitch:.4g},"
+    )
+    return (
+        f"budget {budget} is too small: {where} needs {needed} faces with {which}, those of cells of level {depth} "
+        f"about it; a budget of {int(needed * 1.1) + 1} would do there, or a leaf_depth above {depth}"
+    )
+
+
+def _aims(turn: int, directions: Directions) -> list[tuple[float, float]]:
+    """Yaws and pitches of images, `turn` to a turn."""
+    step = 2 * np.pi / turn
+    pitches = [0.0] if directions == "yaw" else [step * k for k in range(-(turn // 4), turn // 4 + 1)]
+    return [(step * i, pitch) for pitch in pitches for i in range(turn)]
+
+
+def _shell(
+    scene: Scene, domain: npt.NDArray[np.float64], up: npt.NDArray[np.float64], tangents: tuple[float, float], n: int
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Images before the six sides of the scene, n x n to a side, all of which lies behind each: viewpoints, (6 n^2, 3),
+    and what `Plan.parameters` has of them.
+
+    Planes lie half way between the scene and the sides of the domain where that is larger, and viewpoints so far away
+    that the whole scene fits a frame that is aimed at its middle.
+    """
+    low, high = scene.bounds
+    pad = _PAD / 2 * (high - low).max()
+    low, high = low - pad, high + pad
+    corners = np.array([[(low, high)[b >> k & 1][k] for k in range(3)] for b in range(8)])
+    ahead, beside, upright = axes(up)
+    viewpoints, rows = [], []
+    for side in range(6 if n else 0):
+        axis, sign = side // 2, (1, -1)[side % 2]
+        inward = -sign * np.eye(3)[axis]
+        yaw = float(np.arctan2(inward @ beside, inward @ ahead)) % (2 * np.pi)
+        pitch = float(np.arcsin(np.clip(inward @ upright, -1, 1)))
+        level = np.cos(yaw) * ahead + np.sin(yaw) * beside
+        frame = np.stack([np.cross(level, upright), upright * np.cos(pitch) - level * np.sin(pitch), inward])
+        reach = np.abs(frame) @ (high - low) / 2
+        away = float(max(reach[0] / tangents[0], reach[1] / tangents[1]))
+        across = [k for k in range(3) if k != axis]
+        for i in range(n * n):
+            at = (high if sign > 0 else low) - away * inward
+            at[across] = low[across] + (high - low)[across] * (np.array([i // n, i % n]) + 0.5) / n
+            x, y, z = frame @ (corners - at).T
+            ends = [float(e) for e in ((x / z).min(), (x / z).max(), (y / z).min(), (y / z).max())]
+            viewpoints.append(at)
+            rows.append([yaw, pitch, away, *ends])
+    return np.array(viewpoints).reshape(-1, 3), np.array(rows).reshape(-1, 7)

@@ -19,14 +19,14 @@ from ..archives import read_archive
 from ..fingerprint import fingerprint
 from ..scene import Scene
 
-__all__ = ["FORMAT", "cell_boxes", "verify"]
+__all__ = ["FORMAT", "ROUNDING", "cell_boxes", "check_proof", "verify"]
 
 FORMAT = "cyclorama placement certificate 1"
 
 Floats = npt.NDArray[np.float64]
 
 # Roundings of lengths of a scene at its distance from zero: shares of the largest coordinate.
-_ROUNDING = 1e-13
+ROUNDING = 1e-13
 
 
 def verify(certificate: str | os.PathLike[str], scene: Scene) -> int:
@@ -84,7 +84,7 @@ def check_proof(header: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]
     axes = np.asarray(header["axes"], dtype=np.float64)
     if not np.allclose(axes @ axes.T, np.eye(3), atol=1e-12) or np.linalg.det(axes) < 0:
         raise ValueError("its axes are no rotation")
-    slack = _ROUNDING * float(np.abs([low, high]).max() + np.abs(domain).max())
+    slack = ROUNDING * float(np.abs([low, high]).max() + np.abs(domain).max())
     planes = [_image_planes(v, c) for v, c in zip(viewpoints, corners, strict=True)]
     culled = np.array([_behind(low, high, p, slack) for p in planes]).reshape(len(planes), len(low))
     centers = np.hstack([(low + high) / 2, (high - low) / 2])
