@@ -140,3 +140,37 @@ def test_an_object_from_twelve_images_around_it(real_scene):
     np.testing.assert_array_equal(whole.color, culled.color)
     assert culled.stats.eliminated > 0.08
     assert faults.visible_culled < 0.02
+
+
+def test_weights_in_the_occlusion_buffer_add_up_to_no_more_than_one():
+    """A splat covers 3/8 of the pixel beside its centre: what falls there later gets the other 5/8, not more."""
+    camera = camera_at(width=16, height=16, focal=16.0)
+    shape, near = (16, 16), np.zeros((16, 16), bool)
+    near[4, 4] = True
+    color, depth = np.where(near, 240, 40)[..., None].repeat(3, -1).astype(np.uint8), np.where(near, 2.0, 4.0)
+    layered = LayeredDepthImage.build(DepthImage(color, depth.reshape(shape), camera))
+    out = layered.warp(camera, 3, cull="paper", thresholds=(2, 1))
+    assert out.color[4, 4, 0] == 240
+    # Right of it and below it, where the walk comes later.
+    for y, x in ((4, 5), (5, 4)):
+        assert abs(int(out.color[y, x, 0]) - (3 * 240 + 5 * 40) / 8) <= 1
+
+
+def test_a_larger_node_behind_is_not_drawn_before_all_that_hides_it():
+    """Table 3: a node that is larger than the one whose ray reaches it is only asked about.
+
+    The wall before is of nodes of a pixel, what is behind it of one that holds few samples: drawn with the first of
+    those it would lie over the others.
+    """
+    camera = camera_at(width=16, height=16, focal=16.0)
+    rng = np.random.default_rng(0)
+    behind = np.zeros((16, 16), bool)
+    behind[rng.integers(0, 16, 6), rng.integers(0, 16, 6)] = True
+    layered = LayeredDepthImage.build(sheet(camera, 1.0, 250), [sheet(camera, 8.0, 60, behind)])
+    tree = layered.octree((8, 1))
+    front = tree.low[:, 2] > 0.5
+    leaves = (tree.children < 0) & (tree.count > 0)
+    assert tree.level[leaves & front].min() > tree.level[leaves & ~front].max()
+    for eye in ((0, 0, 0), (0.02, 0.01, 0.0), (0.05, -0.03, 0.0)):
+        out = layered.warp(camera_at(eye, width=16, height=16, focal=16.0), 1, cull="paper", thresholds=(8, 1))
+        assert (out.color[~out.hole] == 250).all() and out.hole.mean() < 0.1

@@ -17,12 +17,13 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _core, ldi_storage
+from .arguments import check_threads, checked_choice, checked_number, checked_pair, checked_sequence
 from .camera import Camera, stack
 from .depth_image import DepthImage
 from .normals import encode, of_faces, of_image
 from .placing import camera_through, construction_cameras, quadrilateral
 from .render import BACKGROUND
-from .warp import Order, Warped, _check_camera, _check_out, _colors_behind, _fresh, _splat_size
+from .warp import _ORDERS, Order, Warped, _check_camera, _check_out, _colors_behind, _fresh, _splat_size
 
 if TYPE_CHECKING:
     from .scene import Scene
@@ -195,7 +196,10 @@ class LayeredDepthImage:
         normals: npt.ArrayLike | None = None,
     ) -> None:
         _check_camera(camera)
-        values = np.ascontiguousarray(disparity, dtype=np.float32)
+        try:
+            values = np.asarray(disparity, dtype=np.float32)
+        except (TypeError, ValueError):
+            raise ValueError(f"disparity must be (N,) numbers, got {type(disparity).__name__}") from None
         if values.ndim != 1:
             raise ValueError(f"disparity must be (N,), got {values.shape}")
         count = len(values)
@@ -211,7 +215,7 @@ class LayeredDepthImage:
             stack(camera),
             starts.astype(np.uint32),
             np.ascontiguousarray(colors, dtype=np.uint8),
-            values,
+            np.ascontiguousarray(values),
             places.astype(np.int8),
         )
         self.camera = camera
@@ -295,18 +299,14 @@ class LayeredDepthImage:
         >>> LayeredDepthImage.build(wall, [wall])
         <LayeredDepthImage: 4 x 3, 12 samples, 1.00 a pixel>
         """
-        images = [central, *construction]
-        for index, image in enumerate(images):
-            if not isinstance(image, DepthImage):
-                name = f"construction[{index - 1}]" if index else "central"
-                raise ValueError(f"{name} must be a DepthImage, got {type(image).__name__}")
-        if not (np.isfinite(tolerance) and tolerance >= 0):
-            raise ValueError(f"tolerance must be finite and at least 0, got {tolerance}")
+        if not isinstance(central, DepthImage):
+            raise ValueError(f"central must be a DepthImage, got {type(central).__name__}")
+        images = [central, *checked_sequence("construction", construction, DepthImage)]
+        check_threads(threads)
+        tolerance = checked_number("tolerance", tolerance)
         if not (isinstance(color_tolerance, (int, np.integer)) and 0 <= color_tolerance <= 255):
             raise ValueError(f"color_tolerance must be an integer from 0 to 255, got {color_tolerance!r}")
-        layered = cls._fewest(
-            images, (float(tolerance), int(color_tolerance), bool(corners)), max_error, held_out, threads
-        )
+        layered = cls._fewest(images, (tolerance, int(color_tolerance), bool(corners)), max_error, held_out, threads)
         if normals:
             words = [encode(of_image(images[0]))] + [encode(of_image(construction[index])) for index in layered.merged]
             starts = np.cumsum([0, *(word.size for word in words[:-1])])
@@ -330,15 +330,11 @@ class LayeredDepthImage:
             if held_out is not None:
                 raise ValueError("held_out is of use only with max_error")
             return cls._merge(images, range(len(construction)), conflict, threads)
-        if not (np.isfinite(max_error) and max_error >= 0):
-            raise ValueError(f"max_error must be finite and at least 0, got {max_error}")
-        judges = list(construction if held_out is None else held_out)
+        max_error = checked_number("max_error", max_error)
+        judges = construction if held_out is None else checked_sequence("held_out", held_out, DepthImage)
         if not judges:
             name = "construction" if held_out is None else "held_out"
             raise ValueError(f"{name} is empty: max_error has no image to judge by")
-        for index, image in enumerate(judges):
-            if not isinstance(image, DepthImage):
-                raise ValueError(f"held_out[{index}] must be a DepthImage, got {type(image).__name__}")
         left = list(range(len(construction)))
         best = cls._merge(images, [], conflict, threads)
         errors = [_errors(best, judges, threads)]
@@ -427,8 +423,12 @@ class LayeredDepthImage:
         _check_camera(camera)
         if layers is not None and not (isinstance(layers, (int, np.integer)) and layers >= 1):
             raise ValueError(f"layers must be an integer of at least 1, got {layers!r}")
-        if not (np.isfinite(tolerance) and tolerance >= 0):
-            raise ValueError(f"tolerance must be finite and at least 0, got {tolerance}")
+        if not hasattr(scene, "_mesh"):
+            raise ValueError(f"scene must be a Scene, got {type(scene).__name__}: see cyclorama.load")
+        if color is not None and not callable(color):
+            raise ValueError(f"color must be a function of faces and positions, got {type(color).__name__}")
+        check_threads(threads)
+        tolerance = checked_number("tolerance", tolerance)
         near = float(tolerance / min(camera.K[0, 0], camera.K[1, 1]))
         most = 2**32 - 1 if layers is None else int(layers)
         offsets, faces, depths = scene._mesh.hits(stack(camera), most, near, threads)
@@ -571,15 +571,15 @@ class LayeredDepthImage:
         <LayeredWarped: 64 x 48, 20.3 % hole, 3,072 of 3,072 samples drawn>
         """
         _check_camera(camera)
+        check_threads(threads)
+        checked_choice("cull", cull, (False, "exact", "paper"))
+        projected = isinstance(splat, str) and splat == "projected"
         if order is None:
-            order = "zbuffer" if splat == "projected" else "occlusion"
-        if splat == "projected" and (cull or order != "zbuffer"):
+            order = "zbuffer" if projected else "occlusion"
+        checked_choice("order", order, _ORDERS)
+        if projected and (cull or order != "zbuffer"):
             raise ValueError(f"splat='projected' needs cull=False and order='zbuffer', got {cull!r} and {order!r}")
-        size = 1 if splat == "projected" else _size(splat, cull == "paper")
-        if cull not in (False, "exact", "paper"):
-            raise ValueError(f"cull must be False, 'exact' or 'paper', got {cull!r}")
-        if order not in ("occlusion", "zbuffer"):
-            raise ValueError(f"order must be 'occlusion' or 'zbuffer', got {order!r}")
+        size = 1 if projected else _size(splat, cull == "paper")
         if out is None:
             out = _fresh(camera)
         else:
@@ -587,11 +587,11 @@ class LayeredDepthImage:
         behind = _colors_behind(background, out)
         keep, arrays = behind is out.color, (out.color, out.depth, out.hole, out.exact, out.source)
         behind = None if keep else behind
-        if splat == "projected":
+        if projected:
             self._kernel.warp_patches(stack(camera), arrays, behind, keep, threads)
             stats = Stats(self.samples, self.samples, 0, 0)
         elif cull == "paper":
-            count, side = _thresholds(thresholds)
+            count, side = checked_pair("thresholds", thresholds)
             fates = self._kernel.warp_as_paper(stack(camera), arrays, size, count, side, behind, keep, threads)
             stats = Stats(self.samples, *(int((fates == fate).sum()) for fate in (_DRAWN, _HIDDEN, _OUTSIDE)))
         else:
@@ -622,7 +622,7 @@ class LayeredDepthImage:
         """
         _check_camera(camera)
         size = _size(splat, True)
-        out, (count, side) = _fresh(camera), _thresholds(thresholds)
+        out, (count, side) = _fresh(camera), checked_pair("thresholds", thresholds)
         arrays = (out.color, out.depth, out.hole, out.exact, out.source)
         fates = self._kernel.warp_as_paper(stack(camera), arrays, size, count, side)
         visible = self._kernel.shown(stack(camera), size or 3, "occlusion") > 0
@@ -646,7 +646,7 @@ class LayeredDepthImage:
         >>> len(tree.level), tree.count[:9]
         (9, array([256,  64,  64,  64,  64,   0,   0,   0,   0]))
         """
-        boxes, links = self._kernel.octree(*_thresholds(thresholds))
+        boxes, links = self._kernel.octree(*checked_pair("thresholds", thresholds))
         return Octree(boxes[:, :3], boxes[:, 3:], links[:, 0], links[:, 1], links[:, 2])
 
     def compact(self, cameras: Sequence[Camera], *, loss: float = 0.0, threads: int | None = None) -> LayeredDepthImage:
@@ -680,13 +680,13 @@ class LayeredDepthImage:
         >>> image.compact([camera])
         <LayeredDepthImage: 2 x 1, 2 samples, 1.00 a pixel>
         """
-        views = list(cameras)
+        views = checked_sequence("cameras", cameras, Camera)
         if not views:
             raise ValueError("cameras is empty: no sample would be needed")
-        for view in views:
-            _check_camera(view)
-        if not 0 <= loss <= 1:
-            raise ValueError(f"loss must be from 0 to 1, got {loss}")
+        for index, view in enumerate(views):
+            _check_camera(view, f"cameras[{index}]")
+        loss = checked_number("loss", loss, 1)
+        check_threads(threads)
         shown = self._kernel.shown(stack(views), 1, "occlusion", threads).astype(np.int64)
         order = np.argsort(shown, kind="stable")
         gone = np.cumsum(shown[order]) <= loss * shown.sum()
@@ -765,7 +765,7 @@ def _errors(image: LayeredDepthImage, judges: Sequence[DepthImage], threads: int
 
 def _size(splat: int | str, as_paper: bool) -> int:
     """A splat's side, 0 if it follows the disparity."""
-    if splat == "mesh":
+    if isinstance(splat, str) and splat == "mesh":
         raise ValueError(
             "splat='mesh' asks each sample for its neighbours, which those of a layered image don't have: give a "
             "number of pixels or 'projected', or warp its layers, `[image.layer(k), ..., image.layer(0)]`, by "
@@ -778,14 +778,6 @@ def _size(splat: int | str, as_paper: bool) -> int:
     if not as_paper:
         raise ValueError("splat='disparity' of a layered image is for cull='paper' only: give a number of pixels")
     return 0
-
-
-def _thresholds(thresholds: tuple[int, int]) -> tuple[int, int]:
-    count, side = thresholds
-    for value in (count, side):
-        if not (isinstance(value, (int, np.integer)) and 1 <= value < 2**31):
-            raise ValueError(f"thresholds must be two integers of at least 1, got {thresholds!r}")
-    return int(count), int(side)
 
 
 def _integers(name: str, values: npt.ArrayLike, shape: tuple[int, ...], least: int, most: int) -> npt.NDArray[Any]:

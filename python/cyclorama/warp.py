@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _core
+from .arguments import check_threads, checked_choice, checked_sequence
 from .backdrop import backdrop
 from .camera import Camera, stack
 from .depth_image import DepthImage
@@ -34,6 +35,7 @@ Splat = int | Literal["projected", "disparity", "mesh"]
 # Wider splats than this blur everything and take long.
 _WIDEST_SPLAT = 63
 _MOST_IMAGES = 255
+_ORDERS = ("occlusion", "zbuffer")
 _SHAPES = ("projected", "disparity", "mesh")
 _TYPES = {
     name: np.dtype(kind)
@@ -171,15 +173,12 @@ def forward(
     >>> forward(wall, aside)
     <Warped: 64 x 48, 20.3 % hole>
     """
-    pictures = [images] if isinstance(images, DepthImage) else list(images)
-    for index, image in enumerate(pictures):
-        if not isinstance(image, DepthImage):
-            raise ValueError(f"images[{index}] must be a DepthImage, got {type(image).__name__}")
+    pictures = checked_sequence("images", images, DepthImage)
     if len(pictures) > _MOST_IMAGES:
         raise ValueError(f"images has {len(pictures)} entries, a warp takes {_MOST_IMAGES} at most")
     _check_camera(camera)
-    if order not in ("occlusion", "zbuffer"):
-        raise ValueError(f"order must be 'occlusion' or 'zbuffer', got {order!r}")
+    checked_choice("order", order, _ORDERS)
+    check_threads(threads)
     name = _splat_name(splat)
     if out is None:
         out = _fresh(camera)
@@ -243,7 +242,10 @@ def map(source: Camera, target: Camera, depth: npt.ArrayLike) -> npt.NDArray[np.
     _check_camera(source, "source")
     _check_camera(target, "target")
     shape = (source.height, source.width)
-    values = np.asarray(depth, dtype=np.float64)
+    try:
+        values = np.asarray(depth, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(f"depth must be numbers, {shape} of them or one, got {type(depth).__name__}") from None
     if values.shape not in (shape, ()):
         raise ValueError(f"depth must be {shape} or one number, got shape {values.shape}")
     for index in np.argwhere(~(values > 0)):
@@ -292,8 +294,7 @@ def fill(
     """
     if not isinstance(warped, Warped):
         raise ValueError(f"warped must be a Warped, got {type(warped).__name__}")
-    if method not in ("background", "nearest"):
-        raise ValueError(f"method must be 'background' or 'nearest', got {method!r}")
+    checked_choice("method", method, ("background", "nearest"))
     if out is None:
         out = _fresh(warped.camera)
     else:

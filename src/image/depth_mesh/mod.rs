@@ -171,7 +171,7 @@ impl Kernel for FindReaches<'_, '_> {
         let mut reaches = Reaches { samples: Vec::with_capacity(height), cuts: Vec::with_capacity(height) };
         for row in 0..height {
             let y = row as f64 + 0.5;
-            let [least, greatest] = source.image.disparities(row);
+            let [least, greatest] = source.image.disparities(row, 0..source.image.camera.width);
             reaches.samples.push(mapping.reach(across(0.0), y, [least, greatest]));
             let [less, more] = cuts::SLANTED;
             let beyond = |y| mapping.reach(across(1.0), y, [less * least, more * greatest]);

@@ -16,6 +16,7 @@ use crate::image::warp::canvas::{Word, nearness, word};
 use crate::image::warp::forward::in_bands;
 use crate::image::warp::mapping::Mapping;
 use crate::image::warp::picture::{Background, Picture};
+use crate::render::lanes::{InstructionSet, Kernel, Lanes};
 use rayon::prelude::*;
 
 /// Disparities of one surface's neighbours differ by less than this share of the greater one.
@@ -148,7 +149,7 @@ pub fn warp(
                 band.draw(piece);
             }
         }
-        band.finish(&mut picture, background);
+        InstructionSet::best().run(Finish { band: &band, picture: &mut picture, background });
         Ok(())
     })
 }
@@ -218,17 +219,30 @@ impl Band {
             }
         }
     }
+}
 
-    fn finish(&self, picture: &mut Picture<'_>, background: Background<'_>) {
-        let (mut words, mut exact) = (vec![0; self.width], vec![0; self.width]);
+/// Writes what a band shows.
+struct Finish<'a, 'b> {
+    band: &'a Band,
+    picture: &'a mut Picture<'b>,
+    background: Background<'a>,
+}
+
+impl Kernel for Finish<'_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self) {
+        let Self { band, picture, background } = self;
+        let (mut words, mut exact) = (vec![0; band.width], vec![0; band.width]);
         for (y, (centres, edges)) in
-            self.centres.chunks(self.width).zip(self.edges.chunks(self.width)).enumerate()
+            band.centres.chunks(band.width).zip(band.edges.chunks(band.width)).enumerate()
         {
             for (x, (&centre, &edge)) in centres.iter().zip(edges).enumerate() {
                 let covered = centre == 0 || nearness(edge) > nearness(centre) * NEARER;
                 (words[x], exact[x]) = if covered { (edge, 0) } else { (centre, centre) };
             }
-            picture.write(y * self.width, &words, &exact, background);
+            picture.write::<L>(y * band.width, &words, &exact, background);
         }
     }
 }

@@ -456,6 +456,6 @@ impl Kernel for Resolve<'_, '_, '_> {
 
     #[inline(always)]
     fn run<L: Lanes>(self) {
-        self.picture.resolve(self.canvas, self.top, self.radius, self.background);
+        self.picture.resolve::<L, _>(self.canvas, self.top, self.radius, self.background);
     }
 }

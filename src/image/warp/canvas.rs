@@ -1,6 +1,7 @@
 //! The samples that pixels of the target show, while they are drawn.
 
 use super::mapping::{CHUNK, Chunk, Window};
+use crate::render::lanes::{Lanes, PIXELS};
 use std::sync::Mutex;
 
 /// A pixel of a canvas: from the top a bit that is set, 31 bits of a float32 disparity (never negative), 8 bits of the
@@ -41,7 +42,7 @@ pub enum Order {
 pub trait Colors: Copy {
     fn count(&self) -> usize;
     /// Writes them with red in the lowest byte and nothing above the third; at most as many as there is room for.
-    fn unpack(&self, colors: &mut [u32; CHUNK]);
+    fn unpack<L: Lanes>(&self, colors: &mut [u32; CHUNK]);
 }
 
 impl Colors for &[[u8; 3]] {
@@ -51,9 +52,14 @@ impl Colors for &[[u8; 3]] {
     }
 
     #[inline(always)]
-    fn unpack(&self, colors: &mut [u32; CHUNK]) {
-        for (color, &[r, g, b]) in colors.iter_mut().zip(*self) {
-            *color = u32::from(r) | u32::from(g) << 8 | u32::from(b) << 16;
+    fn unpack<L: Lanes>(&self, colors: &mut [u32; CHUNK]) {
+        let (groups, rest) = self.as_chunks::<PIXELS>();
+        let (whole, last) = colors.split_at_mut(self.len() - rest.len());
+        for (colors, pixels) in whole.as_chunks_mut().0.iter_mut().zip(groups) {
+            L::unpack(pixels, colors);
+        }
+        for (color, &[r, g, b]) in last.iter_mut().zip(rest) {
+            *color = u32::from_le_bytes([r, g, b, 0]);
         }
     }
 }
@@ -65,7 +71,7 @@ impl Colors for &[[u8; 4]] {
     }
 
     #[inline(always)]
-    fn unpack(&self, colors: &mut [u32; CHUNK]) {
+    fn unpack<L: Lanes>(&self, colors: &mut [u32; CHUNK]) {
         for (color, &rgba) in colors.iter_mut().zip(*self) {
             *color = u32::from_le_bytes(rgba) & 0xFF_FFFF;
         }
@@ -104,7 +110,7 @@ impl Band {
     ///
     /// `tag` goes into the bits of the image.
     #[inline(always)]
-    pub fn draw<C: Colors, const DEPTH: bool>(
+    pub fn draw<L: Lanes, C: Colors, const DEPTH: bool>(
         &mut self,
         chunk: &mut Chunk,
         colors: C,
@@ -113,7 +119,7 @@ impl Band {
     ) {
         let count = colors.count();
         assert!(count <= CHUNK && chunk.limit() <= self.words.0.len());
-        colors.unpack(&mut chunk.colors);
+        colors.unpack::<L>(&mut chunk.colors);
         for ((word, &nearness), &color) in chunk.words.iter_mut().zip(&chunk.nearness).zip(&chunk.colors) {
             *word = self::word(nearness, color | tag);
         }

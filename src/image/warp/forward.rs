@@ -5,7 +5,7 @@
 //! band are left out.
 
 use super::canvas::{Band, Order};
-use super::mapping::{Chunk, Mapping, Reach, Row};
+use super::mapping::{CHUNK, Chunk, Mapping, Reach, Row};
 use super::picture::{Background, Picture};
 use super::sheets::{Sheet, sheets};
 use crate::camera::Camera;
@@ -13,6 +13,7 @@ use crate::control::Control;
 use crate::error::Error;
 use crate::render::lanes::{InstructionSet, Kernel, Lanes};
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Images of one warp: their index takes a byte of which one value means none.
 pub const MOST_IMAGES: usize = 255;
@@ -27,16 +28,22 @@ const BAND_PIXELS: usize = 1 << 16;
 pub trait Samples: Sync {
     fn camera(&self) -> &Camera;
 
-    /// The least and the greatest disparity in a row, or a wider range; the first greater than the second if it is empty.
-    fn disparities(&self, y: usize) -> [f32; 2];
+    /// The least and the greatest disparity between columns of a row, or a wider range; the first greater than the second
+    /// if there is none.
+    fn disparities(&self, y: usize, columns: Range<usize>) -> [f32; 2];
 
-    /// Draws what a sheet has of row `y`. `tag` goes into the words; `chunk` holds anything.
-    #[expect(clippy::too_many_arguments, reason = "what is kept from row to row, and what is of this one")]
-    fn draw(
+    /// Draws some samples of row `y`, at most [`CHUNK`]: in turn, or the last first. `tag` goes into the words; `chunk` holds
+    /// anything.
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "what is kept from row to row, and what is of these samples"
+    )]
+    fn draw<L: Lanes>(
         &self,
         row: &Row<'_>,
-        sheet: &Sheet,
+        columns: Range<usize>,
         y: usize,
+        backward: bool,
         order: Order,
         tag: u32,
         chunk: &mut Chunk,
@@ -50,7 +57,9 @@ pub(super) struct Warp<'a, S> {
     pub mapping: Mapping,
     pub sheets: Vec<Sheet>,
     /// Where the samples of each row may fall.
-    pub reaches: Vec<Reach>,
+    pub rows: Vec<Reach>,
+    /// The same of each [`CHUNK`] columns of each row.
+    pub parts: Vec<Reach>,
     /// Bits of a word that say which image it is.
     pub tag: u32,
 }
@@ -109,8 +118,8 @@ pub(super) fn prepare<'a, S: Samples>(
             Order::Depth => vec![Sheet::whole(camera.width, camera.height)],
         };
         let mapping = mapping.with_margin(margin);
-        let reaches = InstructionSet::best().run(FindReaches { samples, mapping: &mapping });
-        Ok(Warp { samples, mapping, sheets, reaches, tag: (i as u32) << 24 })
+        let [rows, parts] = InstructionSet::best().run(FindReaches { samples, mapping: &mapping });
+        Ok(Warp { samples, mapping, sheets, rows, parts, tag: (i as u32) << 24 })
     });
     prepared.collect()
 }
@@ -146,28 +155,35 @@ pub(in crate::image) fn in_bands(
     }
 }
 
-/// Finds where rows of the source may fall.
+/// Finds where rows of the source, and parts of them, may fall.
 struct FindReaches<'a, S> {
     samples: &'a S,
     mapping: &'a Mapping,
 }
 
 impl<S: Samples> Kernel for FindReaches<'_, S> {
-    type Output = Vec<Reach>;
+    type Output = [Vec<Reach>; 2];
 
     #[inline(always)]
-    fn run<L: Lanes>(self) -> Vec<Reach> {
+    fn run<L: Lanes>(self) -> Self::Output {
         let camera = self.samples.camera();
-        let mut reaches = Vec::with_capacity(camera.height);
+        let mut rows = Vec::with_capacity(camera.height);
+        let mut parts = Vec::with_capacity(camera.height * camera.width.div_ceil(CHUNK));
         for y in 0..camera.height {
-            let [least, greatest] = self.samples.disparities(y);
-            reaches.push(if least > greatest {
-                Reach::NONE
-            } else {
-                self.mapping.row(y).reach([0.0, camera.width as f32 - 1.0], [least, greatest])
-            });
+            let first = parts.len();
+            for start in (0..camera.width).step_by(CHUNK) {
+                let end = (start + CHUNK).min(camera.width);
+                let [least, greatest] = self.samples.disparities(y, start..end);
+                parts.push(if least > greatest {
+                    Reach::NONE
+                } else {
+                    let columns = [start as f64 + 0.5, end as f64 - 0.5];
+                    self.mapping.reach(columns, y as f64 + 0.5, [least, greatest])
+                });
+            }
+            rows.push(parts[first..].iter().copied().reduce(Reach::or).unwrap_or(Reach::NONE));
         }
-        reaches
+        [rows, parts]
     }
 }
 
@@ -196,17 +212,28 @@ impl<S: Samples> Kernel for Draw<'_, '_, S> {
         let (first, last) = (band.window.top as f32 - 1.0, band.window.bottom as f32 + 1.0);
         for warp in self.warps {
             for sheet in &warp.sheets {
-                for y in sheet.lines() {
-                    let reach = &warp.reaches[y];
-                    if reach.meets(first, last) {
-                        let row = warp.mapping.row(y).within(reach);
-                        warp.samples.draw(&row, sheet, y, self.order, warp.tag, &mut chunk, &mut band);
+                let Range { start, end } = sheet.columns;
+                let across = warp.samples.camera().width.div_ceil(CHUNK);
+                for y in sheet.lines().filter(|&y| warp.rows[y].meets(first, last)) {
+                    let row = warp.mapping.row(y);
+                    let reaches = &warp.parts[y * across..];
+                    let parts = start / CHUNK..end.div_ceil(CHUNK);
+                    for step in parts.clone() {
+                        let part = if sheet.leftward { parts.start + parts.end - 1 - step } else { step };
+                        if !reaches[part].meets(first, last) {
+                            continue;
+                        }
+                        let columns = start.max(part * CHUNK)..end.min((part + 1) * CHUNK);
+                        let row = row.within(&reaches[part]);
+                        let (backward, tag) = (sheet.leftward, warp.tag);
+                        let (chunk, band) = (&mut chunk, &mut band);
+                        warp.samples.draw::<L>(&row, columns, y, backward, self.order, tag, chunk, band);
                     }
                 }
             }
             self.control.step(1)?;
         }
-        self.picture.resolve(&band, self.top, self.radius, self.background);
+        self.picture.resolve::<L, _>(&band, self.top, self.radius, self.background);
         Ok(())
     }
 }

@@ -2,10 +2,11 @@
 
 use super::canvas::{Band, Order};
 use super::forward::Samples;
-use super::mapping::{CHUNK, Chunk, Consecutive, Row};
-use super::sheets::Sheet;
+use super::mapping::{Chunk, Consecutive, Row};
 use crate::camera::Camera;
 use crate::error::Error;
+use crate::render::lanes::Lanes;
+use std::ops::Range;
 
 /// Colours of an image, row-major.
 #[derive(Debug, Clone, Copy)]
@@ -57,8 +58,8 @@ impl Samples for DepthImage<'_> {
     }
 
     #[inline(always)]
-    fn disparities(&self, y: usize) -> [f32; 2] {
-        let row = &self.disparity[y * self.camera.width..][..self.camera.width];
+    fn disparities(&self, y: usize, columns: Range<usize>) -> [f32; 2] {
+        let row = &self.disparity[y * self.camera.width..][columns];
         // Numbers that are not negative are ordered as their bits, which are compared several at a time.
         let (mut least, mut greatest) = (i32::MAX, 0);
         for &d in row {
@@ -70,34 +71,28 @@ impl Samples for DepthImage<'_> {
     }
 
     #[inline(always)]
-    fn draw(
+    fn draw<L: Lanes>(
         &self,
         row: &Row<'_>,
-        sheet: &Sheet,
+        columns: Range<usize>,
         y: usize,
+        backward: bool,
         order: Order,
         tag: u32,
         chunk: &mut Chunk,
         band: &mut Band,
     ) {
         let line = y * self.camera.width;
-        let (start, end, backward) = (sheet.columns.start, sheet.columns.end, sheet.leftward);
-        let parts = (end - start).div_ceil(CHUNK);
-        for part in 0..parts {
-            let part = if backward { parts - 1 - part } else { part };
-            let first = start + part * CHUNK;
-            let last = (first + CHUNK).min(end);
-            let at = line + first..line + last;
-            row.project::<_, false>(Consecutive(first), &self.disparity[at.clone()], &band.window, chunk);
-            if let Some(missing) = self.missing {
-                chunk.leave_out(&missing[at.clone()], &band.window);
-            }
-            match (self.pixels, order) {
-                (Pixels::Rgb(p), Order::Occlusion) => band.draw::<_, false>(chunk, &p[at], tag, backward),
-                (Pixels::Rgb(p), Order::Depth) => band.draw::<_, true>(chunk, &p[at], tag, backward),
-                (Pixels::Rgba(p), Order::Occlusion) => band.draw::<_, false>(chunk, &p[at], tag, backward),
-                (Pixels::Rgba(p), Order::Depth) => band.draw::<_, true>(chunk, &p[at], tag, backward),
-            }
+        let at = line + columns.start..line + columns.end;
+        row.project::<_, false>(Consecutive(columns.start), &self.disparity[at.clone()], &band.window, chunk);
+        if let Some(missing) = self.missing {
+            chunk.leave_out(&missing[at.clone()], &band.window);
+        }
+        match (self.pixels, order) {
+            (Pixels::Rgb(p), Order::Occlusion) => band.draw::<L, _, false>(chunk, &p[at], tag, backward),
+            (Pixels::Rgb(p), Order::Depth) => band.draw::<L, _, true>(chunk, &p[at], tag, backward),
+            (Pixels::Rgba(p), Order::Occlusion) => band.draw::<L, _, false>(chunk, &p[at], tag, backward),
+            (Pixels::Rgba(p), Order::Depth) => band.draw::<L, _, true>(chunk, &p[at], tag, backward),
         }
     }
 }

@@ -517,6 +517,72 @@ mod tests {
         }
     }
 
+    proptest! {
+        #[test]
+        fn float64_decides_beside_the_plane_of_the_eye(
+            eye in prop::array::uniform3(-2.0..2.0), turn in prop::array::uniform2(-1.5..1.5), y in 0_usize..48,
+            away in prop::collection::vec(-12_i32..=12, 64),
+        ) {
+            let mapping = Mapping::new(&camera(DVec3::ZERO, 0.0, 0.0), &camera(DVec3::from_array(eye), turn[0], turn[1]))
+                .unwrap();
+            // The float32 numbers around the disparity that each pixel's ray meets the plane with.
+            let mut doubtful = 0;
+            let disparity: Vec<f32> = away
+                .iter()
+                .enumerate()
+                .map(|(x, &steps)| {
+                    let w = mapping.homogeneous(x as f64 + 0.5, y as f64 + 0.5, 0.0).z;
+                    let d = (-w / mapping.offset.z) as f32;
+                    if !(1e-3..1e3).contains(&d) {
+                        return 0.0;
+                    }
+                    doubtful += 1;
+                    f32::from_bits((d.to_bits() as i32 + steps) as u32)
+                })
+                .collect();
+            prop_assume!(doubtful > 0);
+            let mut chunk = Chunk::default();
+            mapping.row(y).project::<_, true>(Consecutive(0), &disparity, &WINDOW, &mut chunk);
+            for (x, &d) in disparity.iter().enumerate() {
+                let point = mapping.point(x as f64 + 0.5, y as f64 + 0.5, f64::from(d));
+                prop_assert_eq!(chunk.u[x].is_nan(), point.is_none(), "column {}, disparity {}", x, d);
+                if let Some([_, _, nearness]) = point {
+                    prop_assert!((f64::from(chunk.nearness[x]) / nearness - 1.0).abs() < 1e-2 || d == 0.0);
+                }
+            }
+        }
+
+        #[test]
+        fn what_is_in_the_plane_of_the_eye_is_dropped_though_its_last_coordinate_is_rounded(
+            turn in prop::array::uniform2(-1.5..1.5), exponent in -3_i32..4,
+            at in prop::collection::vec(prop::array::uniform2(0.0..48.0), 20),
+        ) {
+            // A power of two is exact as a disparity: the sample is in the plane, and what float64 makes of it is noise.
+            let depth = 2_f64.powi(exponent);
+            let source = camera(DVec3::ZERO, turn[0], turn[1]);
+            let target = Camera { translation: dvec3(0.0, 0.0, -depth), ..source.clone() };
+            let mapping = Mapping::new(&source, &target).unwrap();
+            for [x, y] in at {
+                prop_assert_eq!(mapping.point(x, y, 1.0 / depth), None);
+                // A little farther away it is seen.
+                prop_assert!(mapping.point(x, y, (1.0 - 1e-12) / depth).is_some());
+            }
+        }
+
+        #[test]
+        fn an_eye_that_only_turns_moves_nothing_however_near(
+            eye in prop::array::uniform3(-1e4..1e4), turn in prop::array::uniform4(-1.5..1.5),
+        ) {
+            let eye = DVec3::from_array(eye);
+            let (source, target) = (camera(eye, turn[0], turn[1]), camera(eye, turn[2], turn[3]));
+            prop_assert_eq!(Mapping::new(&source, &target).unwrap().offset, DVec3::ZERO);
+            // A step that float64 can tell from none is one.
+            let step = dvec3(1e-12, 0.0, 0.0) * eye.length();
+            let target = camera(eye + step, turn[2], turn[3]);
+            prop_assert!(Mapping::new(&source, &target).unwrap().offset.length() > 0.0);
+        }
+    }
+
     #[test]
     fn a_sample_in_the_plane_of_the_eye_falls_nowhere() {
         // The eye moves onto the surface: 1 + d * (-depth) is zero, not merely small.

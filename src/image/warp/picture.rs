@@ -2,6 +2,7 @@
 
 use super::canvas::{DRAWN, Drawn, Word, nearer};
 use crate::error::Error;
+use crate::render::lanes::{Lanes, PIXELS};
 
 /// The image in [`Picture::source`] of pixels that nothing was drawn on.
 pub const NO_SOURCE: u8 = u8::MAX;
@@ -63,7 +64,13 @@ impl<'a> Picture<'a> {
     /// column, and of these again the upper or the left one. A sample that another hides on its own pixel would cover
     /// nothing else: the other one, which is nearer, covers the same square.
     #[inline(always)]
-    pub fn resolve<D: Drawn>(&mut self, band: &D, top: usize, radius: usize, background: Background<'_>) {
+    pub fn resolve<L: Lanes, D: Drawn>(
+        &mut self,
+        band: &D,
+        top: usize,
+        radius: usize,
+        background: Background<'_>,
+    ) {
         let (margin, around) = (band.margin(), band.width());
         let width = around - 2 * margin;
         let rows = self.depth.len() / width;
@@ -76,7 +83,7 @@ impl<'a> Picture<'a> {
             let y = top + line + margin;
             let centres = &band.row(y)[margin..margin + width];
             if radius == 0 {
-                self.write(line * width, centres, centres, background);
+                self.write::<L>(line * width, centres, centres, background);
                 continue;
             }
             if radius == 1 && margin == 1 && width >= GROUP {
@@ -92,7 +99,7 @@ impl<'a> Picture<'a> {
                     ];
                     surround(rows, (&mut shown[first..first + GROUP]).try_into().expect("a group"));
                 }
-                self.write(line * width, &shown, centres, background);
+                self.write::<L>(line * width, &shown, centres, background);
                 continue;
             }
             while next < band.bottom() && next <= y + radius {
@@ -119,94 +126,116 @@ impl<'a> Picture<'a> {
             for (shown, &centre) in shown.iter_mut().zip(centres) {
                 *shown = if centre == 0 { *shown } else { centre };
             }
-            self.write(line * width, &shown, centres, background);
+            self.write::<L>(line * width, &shown, centres, background);
         }
     }
 
     /// Writes a row, from pixel `at` of this part on; `centres` is 0 where no sample's centre is shown.
     #[inline(always)]
-    pub fn write(&mut self, at: usize, shown: &[Word], centres: &[Word], background: Background<'_>) {
+    pub fn write<L: Lanes>(
+        &mut self,
+        at: usize,
+        shown: &[Word],
+        centres: &[Word],
+        background: Background<'_>,
+    ) {
         let width = shown.len();
         let (blocks, rest) = shown.as_chunks::<BLOCK>();
         let (centre_blocks, centre_rest) = centres.as_chunks::<BLOCK>();
-        let (depths, depth_rest) = self.depth[at..at + width].as_chunks_mut::<BLOCK>();
-        let (holes, hole_rest) = self.hole[at..at + width].as_chunks_mut::<BLOCK>();
-        let (exacts, exact_rest) = self.exact[at..at + width].as_chunks_mut::<BLOCK>();
-        let (sources, source_rest) = self.source[at..at + width].as_chunks_mut::<BLOCK>();
-        let outs = depths.iter_mut().zip(holes).zip(exacts.iter_mut().zip(sources));
-        for ((words, centres), ((depth, hole), (exact, source))) in blocks.iter().zip(centre_blocks).zip(outs)
-        {
-            block(words, centres, depth, hole, exact, source);
+        for (i, (words, centres)) in blocks.iter().zip(centre_blocks).enumerate() {
+            self.block::<L>(at + i * BLOCK, words, centres, background);
         }
-        if !rest.is_empty() {
-            let (mut words, mut centres) = ([0; BLOCK], [0; BLOCK]);
-            words[..rest.len()].copy_from_slice(rest);
-            centres[..rest.len()].copy_from_slice(centre_rest);
-            let (mut depth, mut hole, mut exact, mut source) =
-                ([0.0; BLOCK], [false; BLOCK], [false; BLOCK], [0; BLOCK]);
-            block(&words, &centres, &mut depth, &mut hole, &mut exact, &mut source);
-            depth_rest.copy_from_slice(&depth[..rest.len()]);
-            hole_rest.copy_from_slice(&hole[..rest.len()]);
-            exact_rest.copy_from_slice(&exact[..rest.len()]);
-            source_rest.copy_from_slice(&source[..rest.len()]);
+        if rest.is_empty() {
+            return;
         }
-        let color = &mut self.color[at..at + width];
-        match background {
-            Background::Black => {
-                for (color, &word) in color.iter_mut().zip(shown) {
-                    *color = rgb(word);
-                }
-            }
-            Background::Kept => {
-                for (color, &word) in color.iter_mut().zip(shown) {
-                    *color = if word == 0 { *color } else { rgb(word) };
-                }
-            }
+        let (mut words, mut centres) = ([0; BLOCK], [0; BLOCK]);
+        words[..rest.len()].copy_from_slice(rest);
+        centres[..rest.len()].copy_from_slice(centre_rest);
+        // Written to a block of its own first, of which only the pixels that are there are kept.
+        let (first, end) = (at + width - rest.len(), at + width);
+        let mut color = [[0; 3]; BLOCK];
+        color[..rest.len()].copy_from_slice(&self.color[first..end]);
+        let mut behind = [[0; 3]; BLOCK];
+        let background = match background {
             Background::Picture(picture) => {
-                for ((color, &word), &behind) in color.iter_mut().zip(shown).zip(&picture[at..at + width]) {
-                    *color = if word == 0 { behind } else { rgb(word) };
+                behind[..rest.len()].copy_from_slice(&picture[first..end]);
+                Background::Picture(&behind)
+            }
+            other => other,
+        };
+        let (mut depth, mut hole, mut exact, mut source) =
+            ([0.0; BLOCK], [false; BLOCK], [false; BLOCK], [0; BLOCK]);
+        let mut last = Picture {
+            color: &mut color,
+            depth: &mut depth,
+            hole: &mut hole,
+            exact: &mut exact,
+            source: &mut source,
+        };
+        last.block::<L>(0, &words, &centres, background);
+        self.color[first..end].copy_from_slice(&color[..rest.len()]);
+        self.depth[first..end].copy_from_slice(&depth[..rest.len()]);
+        self.hole[first..end].copy_from_slice(&hole[..rest.len()]);
+        self.exact[first..end].copy_from_slice(&exact[..rest.len()]);
+        self.source[first..end].copy_from_slice(&source[..rest.len()]);
+    }
+
+    /// Writes some pixels from `at` on. All of it in one pass, so that divisions run beside what needs none.
+    #[inline(always)]
+    fn block<L: Lanes>(
+        &mut self,
+        at: usize,
+        shown: &[Word; BLOCK],
+        centres: &[Word; BLOCK],
+        background: Background<'_>,
+    ) {
+        let mut upper = [0; BLOCK];
+        for i in 0..BLOCK {
+            upper[i] = (shown[i] >> 32) as u32;
+        }
+        let depth = &mut self.depth[at..at + BLOCK];
+        for i in 0..BLOCK {
+            depth[i] = 1.0 / f32::from_bits(upper[i] & !DRAWN);
+        }
+        let hole = &mut self.hole[at..at + BLOCK];
+        for i in 0..BLOCK {
+            hole[i] = upper[i] == 0;
+        }
+        let exact = &mut self.exact[at..at + BLOCK];
+        for i in 0..BLOCK {
+            exact[i] = centres[i] != 0;
+        }
+        let source = &mut self.source[at..at + BLOCK];
+        for i in 0..BLOCK {
+            source[i] = (shown[i] as u32 >> 24) as u8 | (NO_SOURCE & u8::from(upper[i] == 0).wrapping_neg());
+        }
+        let pixels = self.color[at..at + BLOCK].as_chunks_mut::<PIXELS>().0;
+        for (i, (pixels, words)) in pixels.iter_mut().zip(shown.as_chunks::<PIXELS>().0).enumerate() {
+            match background {
+                Background::Black => L::pack(words, pixels),
+                Background::Kept => L::pack(&over::<L>(words, pixels), pixels),
+                Background::Picture(picture) => {
+                    let behind = &picture[at + i * PIXELS..][..PIXELS];
+                    L::pack(&over::<L>(words, behind.try_into().expect("as many pixels")), pixels);
                 }
             }
         }
     }
+}
+
+/// Words with the colours of what is behind where nothing is drawn.
+#[inline(always)]
+fn over<L: Lanes>(words: &[Word; PIXELS], behind: &[[u8; 3]; PIXELS]) -> [Word; PIXELS] {
+    let (mut colors, mut over) = ([0; PIXELS], *words);
+    L::unpack(behind, &mut colors);
+    for (word, color) in over.iter_mut().zip(colors) {
+        *word = if *word == 0 { u64::from(color) } else { *word };
+    }
+    over
 }
 
 /// Pixels that are written together.
-const BLOCK: usize = 32;
-
-/// Writes all but the colours of some pixels.
-#[inline(always)]
-fn block(
-    shown: &[Word; BLOCK],
-    centres: &[Word; BLOCK],
-    depth: &mut [f32; BLOCK],
-    hole: &mut [bool; BLOCK],
-    exact: &mut [bool; BLOCK],
-    source: &mut [u8; BLOCK],
-) {
-    let mut upper = [0; BLOCK];
-    for i in 0..BLOCK {
-        upper[i] = (shown[i] >> 32) as u32;
-    }
-    for i in 0..BLOCK {
-        depth[i] = 1.0 / f32::from_bits(upper[i] & !DRAWN);
-    }
-    for i in 0..BLOCK {
-        hole[i] = upper[i] == 0;
-    }
-    for i in 0..BLOCK {
-        exact[i] = centres[i] != 0;
-    }
-    for i in 0..BLOCK {
-        source[i] = (shown[i] as u32 >> 24) as u8 | (NO_SOURCE & u8::from(upper[i] == 0).wrapping_neg());
-    }
-}
-
-#[inline(always)]
-fn rgb(word: Word) -> [u8; 3] {
-    let [r, g, b, ..] = word.to_le_bytes();
-    [r, g, b]
-}
+const BLOCK: usize = 2 * PIXELS;
 
 /// Pixels whose surroundings are looked at together, if one of them is empty.
 const GROUP: usize = 16;

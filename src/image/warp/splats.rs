@@ -91,13 +91,13 @@ impl Kernel for Draw<'_, '_, '_> {
         let mut shown = Nearest { centres, edges, order: self.order };
         self.draw(&mut shown)?;
         if self.size == Size::Projected {
-            self.finish(&shown, &[]);
+            self.finish::<L>(&shown, &[]);
         } else {
             let sums = vec![[0; 4]; shown.edges.window.cells()];
             let mut average = Average { edges: &shown.edges, sums };
             self.draw(&mut average)?;
             let sums = average.sums;
-            self.finish(&shown, &sums);
+            self.finish::<L>(&shown, &sums);
         }
         Ok(())
     }
@@ -508,7 +508,7 @@ impl Draw<'_, '_, '_> {
     }
 
     #[inline(always)]
-    fn finish(&mut self, shown: &Nearest, sums: &[[u32; 4]]) {
+    fn finish<L: Lanes>(&mut self, shown: &Nearest, sums: &[[u32; 4]]) {
         let window = shown.centres.window;
         let (mut words, mut exact) = (vec![0; window.width], vec![0; window.width]);
         for row in window.top..window.bottom {
@@ -523,7 +523,7 @@ impl Draw<'_, '_, '_> {
                     _ => (edge, 0),
                 };
             }
-            self.picture.write((row - window.top) * window.width, &words, &exact, self.background);
+            self.picture.write::<L>((row - window.top) * window.width, &words, &exact, self.background);
         }
     }
 }

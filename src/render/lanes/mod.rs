@@ -12,7 +12,10 @@
 mod avx2;
 #[cfg(target_arch = "x86_64")]
 mod avx512;
+mod packing;
 mod portable;
+
+pub use packing::{PIXELS, Packing};
 
 use super::frame::FACE_BITS;
 use super::triangle::{DROPPED, key_terms};
@@ -28,7 +31,7 @@ pub const MOST_LANES: usize = 8;
 /// A register of float64.
 ///
 /// The unsafe methods read or write [`COUNT`](Self::COUNT) entries from a pointer on, which must be there.
-pub trait Lanes: Copy {
+pub trait Lanes: Copy + Packing {
     /// Lanes in a register; divides [`MOST_LANES`].
     const COUNT: usize;
     /// A truth value for each lane.

@@ -1,0 +1,55 @@
+"""Arguments of the wrong kind, refused by name before anything is done with them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TypeVar
+
+import numpy as np
+
+__all__ = ["check_threads", "checked_choice", "checked_number", "checked_pair", "checked_sequence"]
+
+T = TypeVar("T")
+
+
+def check_threads(threads: object) -> None:
+    """A whole number, or none; the kernels say how many there may be."""
+    if threads is not None and not isinstance(threads, (int, np.integer)):
+        raise ValueError(f"threads must be a whole number of at least 1, or None for all cores, got {threads!r}")
+
+
+def checked_choice(name: str, value: object, choices: tuple[object, ...]) -> None:
+    """One of some names; an array, which compares item by item, is none."""
+    if not (isinstance(value, (str, bool, np.bool_)) and value in choices):
+        named = ", ".join(map(repr, choices[:-1]))
+        raise ValueError(f"{name} must be {named} or {choices[-1]!r}, got {value!r}")
+
+
+def checked_number(name: str, value: object, most: float | None = None) -> float:
+    """A finite number of at least 0, and at most `most`."""
+    fits = isinstance(value, (int, float, np.integer, np.floating)) and np.isfinite(value) and value >= 0
+    if fits and (most is None or float(value) <= most):  # type: ignore[arg-type]
+        return float(value)  # type: ignore[arg-type]
+    limits = "finite and at least 0" if most is None else f"from 0 to {most:g}"
+    raise ValueError(f"{name} must be {limits}, got {value!r}")
+
+
+def checked_pair(name: str, values: object) -> tuple[int, int]:
+    """Two whole numbers of at least 1."""
+    pair = list(values) if isinstance(values, (tuple, list, np.ndarray)) else []
+    if len(pair) == 2 and all(isinstance(v, (int, np.integer)) and 1 <= v < 2**31 for v in pair):
+        return int(pair[0]), int(pair[1])
+    raise ValueError(f"{name} must be two integers of at least 1, got {values!r}")
+
+
+def checked_sequence(name: str, values: Iterable[T] | T, kind: type[T]) -> list[T]:
+    """Things of a kind, in a list; a single one is a list of it."""
+    if isinstance(values, kind):
+        return [values]
+    if isinstance(values, (str, bytes)) or not isinstance(values, Iterable):
+        raise ValueError(f"{name} must be a sequence of {kind.__name__}, got {type(values).__name__}")
+    found = list(values)
+    for index, value in enumerate(found):
+        if not isinstance(value, kind):
+            raise ValueError(f"{name}[{index}] must be a {kind.__name__}, got {type(value).__name__}")
+    return found
