@@ -205,11 +205,11 @@ def test_a_store_of_something_else_is_refused(plan, scene, tmp_path):
 
 
 def test_a_file_that_is_cut_off_is_refused_with_its_name(tmp_path):
-    store = Store(tmp_path, 2, {})
+    store = Store(cyc.LayeredDepthImage.load, size_of, tmp_path, 2, {})
     store.put(0, image())
     path = store.path(0)
     path.write_bytes(path.read_bytes()[:-30])
-    with pytest.raises(ValueError, match=r"000000\.npz is not a whole layered image"):
+    with pytest.raises(ValueError, match=r"000000\.npz is not a whole image"):
         store.missing()
     with pytest.raises(ValueError, match=r"000000\.npz is not a whole layered image"):
         store.get(0)
@@ -236,19 +236,19 @@ def test_an_unknown_display_is_refused(backdrops):
 
 def test_what_was_used_last_stays_in_memory(tmp_path):
     one = size_of(image())
-    store = Store(tmp_path, 4, {}, memory=2 * one)
+    store = Store(cyc.LayeredDepthImage.load, size_of, tmp_path, 4, {}, memory=2 * one)
     for index in range(4):
         store.put(index, image())
     for index in (0, 1, 0, 2):
         store.get(index)
     assert store.in_memory == (0, 2) and store.bytes_in_memory == 2 * one
     assert (store.hits, store.loads) == (1, 3)
-    assert Store(tmp_path, 4, {}, memory=0).get(3).samples == 10
+    assert Store(cyc.LayeredDepthImage.load, size_of, tmp_path, 4, {}, memory=0).get(3).samples == 10
 
 
 def test_prefetching_loads_the_most_wanted_that_memory_holds(tmp_path):
     one = size_of(image())
-    store = Store(tmp_path, 6, {}, memory=3 * one)
+    store = Store(cyc.LayeredDepthImage.load, size_of, tmp_path, 6, {}, memory=3 * one)
     for index in range(6):
         store.put(index, image())
     store.get(5)
@@ -273,7 +273,7 @@ def test_two_that_want_an_image_make_it_once(tmp_path):
         time.sleep(0.05)
         return image()
 
-    store = Store(tmp_path, 1, {}, make=make)
+    store = Store(cyc.LayeredDepthImage.load, size_of, tmp_path, 1, {}, make=make)
     got: list[LayeredDepthImage] = []
     threads = [threading.Thread(target=lambda: got.append(store.get(0))) for _ in range(4)]
     for thread in threads:

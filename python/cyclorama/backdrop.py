@@ -182,7 +182,7 @@ class Part:
         rows, columns = np.nonzero(inside)
         to_picture = _homogeneous(self.camera, basis) @ from_pixel
         u, v, w = to_picture @ np.stack([x[columns], y[rows, 0], np.ones(len(rows))])
-        color = _sampled(self.picture, np.column_stack([u / w, v / w]))
+        color = sampled(self.picture, np.column_stack([u / w, v / w]))
         depth = np.zeros_like(nearness)
         depth[inside] = 1.0 / nearness[inside]
         shown = np.zeros_like(inside)
@@ -497,8 +497,16 @@ def _homogeneous(camera: Camera, basis: Floats) -> Floats:
     return np.asarray(camera.K @ local)
 
 
-def _sampled(picture: npt.NDArray[np.uint8], pixels: Floats) -> npt.NDArray[np.uint8]:
-    """(N, 4) a picture at some positions, between its pixel centres in proportion; what is transparent has no share."""
+def sampled(picture: npt.NDArray[np.uint8], pixels: Floats) -> npt.NDArray[np.uint8]:
+    """(N, 4) a picture at some positions, between its pixel centres in proportion; what is transparent has no share.
+
+    Parameters
+    ----------
+    picture : (H, W, 4) ndarray of uint8
+        Red, green, blue and opacity.
+    pixels : (N, 2) ndarray of float64
+        Columns and rows; a pixel's centre is at its index and a half.
+    """
     height, width = picture.shape[:2]
     at = np.clip(pixels - 0.5, 0, (width - 1, height - 1))
     low = np.minimum(at.astype(np.intp), (max(width - 2, 0), max(height - 2, 0)))

@@ -21,7 +21,7 @@ from ..progress import Progress, reporter
 from ..scene import Scene
 from .drawing import Display, Drawn, Pictures, Splat, draw
 from .painting import Coloring, Lit, Placement, Uses, Where, paint_image, uses
-from .store import Store
+from .store import Store, size_of
 
 __all__ = ["Backdrops", "plan_fingerprint"]
 
@@ -99,7 +99,15 @@ class Backdrops:
             **self._options,
         }
         count = len(plan.images)
-        self.store = Store(folder, count, identity, memory=memory, make=self.make if on_demand else None)
+        self.store = Store(
+            LayeredDepthImage.load,
+            size_of,
+            folder,
+            count,
+            identity,
+            memory=memory,
+            make=self.make if on_demand else None,
+        )
         self.pictures = Pictures(plan, scene, (int(width), int(height)), self.color, self.store.get)
 
     def make(self, index: int, threads: int | None = None) -> LayeredDepthImage:

@@ -230,7 +230,7 @@ def frame_camera(plan: Placement, eye: npt.ArrayLike, forward: npt.ArrayLike, si
 
 
 def picture(
-    scene: Scene, camera: Camera, faces: npt.NDArray[np.uint32], color: Coloring, *, threads: int | None = None
+    scene: Scene, camera: Camera, faces: npt.NDArray[np.uint32] | None, color: Coloring, *, threads: int | None = None
 ) -> DepthImage:
     """Some faces with depth; where there are none, samples that are infinitely far away.
 
@@ -239,7 +239,8 @@ def picture(
     scene : Scene
     camera : Camera
         A pinhole camera.
-    faces : (K,) ndarray of uint32
+    faces : (K,) ndarray of uint32 or None
+        All, for None.
     color : callable
         Gives a view's colours.
     threads : int, optional

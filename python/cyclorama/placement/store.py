@@ -1,4 +1,4 @@
-"""A folder of layered images, and those of them that are in memory (1998 dissertation, section 4.4.1).
+"""A folder of images, and those of them that are in memory (1998 dissertation, section 4.4.1).
 
 An image is a file, written whole or not there; a manifest says which scene and which plan they belong to. What was used
 last stays in memory, up to a limit; a thread loads what will be wanted next.
@@ -13,13 +13,13 @@ import zipfile
 from collections import OrderedDict
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, Protocol, TypeVar
 
 from ..archives import check_format
 from ..files import whole_file
 from ..ldi import LayeredDepthImage
 
-__all__ = ["FORMAT", "Store"]
+__all__ = ["FORMAT", "Store", "size_of"]
 
 FORMAT = "cyclorama backdrops 1"
 MANIFEST = "manifest.json"
@@ -28,13 +28,26 @@ MANIFEST = "manifest.json"
 _SAMPLE, _PIXEL = 18, 4
 
 
-class Store:
-    """Layered images in a folder, by index.
+class Saved(Protocol):
+    """What can be written to a file."""
+
+    def save(self, path: str | os.PathLike[str]) -> None: ...
+
+
+Image = TypeVar("Image", bound=Saved)
+
+
+class Store(Generic[Image]):
+    """Images in a folder, by index.
 
     Parameters
     ----------
-    folder : path
-        Made if it isn't there.
+    load : callable
+        Reads what an image's `save` wrote: ``LayeredDepthImage.load``.
+    size_of : callable
+        The bytes that an image takes in memory: `size_of` of a layered one.
+    folder : path or None
+        Made if it isn't there. None: what doesn't fit in memory is forgotten, and made again.
     count : int
         How many images there are when all are made.
     identity : dict
@@ -64,7 +77,7 @@ class Store:
     >>> camera = Camera.look_at((0, 0, 4), (0, 0, 0), width=2, height=1)
     >>> image = LayeredDepthImage(camera, [0, 2, 3], np.zeros((3, 3), np.uint8), [0.5, 0.25, 1.0])
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     store = Store(folder, 2, {"scene": "bunny"})
+    ...     store = Store(LayeredDepthImage.load, size_of, folder, 2, {"scene": "bunny"})
     ...     store.put(1, image)
     ...     store.missing(), store.get(1)
     ([0], <LayeredDepthImage: 2 x 1, 3 samples, 1.50 a pixel>)
@@ -72,19 +85,22 @@ class Store:
 
     def __init__(
         self,
-        folder: str | os.PathLike[str],
+        load: Callable[[Path], Image],
+        size_of: Callable[[Image], int],
+        folder: str | os.PathLike[str] | None,
         count: int,
         identity: dict[str, Any],
         *,
         memory: int = 1 << 30,
-        make: Callable[[int], LayeredDepthImage] | None = None,
+        make: Callable[[int], Image] | None = None,
     ) -> None:
         if not (isinstance(memory, int) and memory >= 0):
             raise ValueError(f"memory must be a number of bytes, got {memory!r}")
-        self.folder, self.count = Path(folder), count
+        self._load, self._size_of = load, size_of
+        self.folder, self.count = None if folder is None else Path(folder), count
         self.hits = self.loads = self.made = 0
         self._memory, self._make = memory, make
-        self._images: OrderedDict[int, LayeredDepthImage] = OrderedDict()
+        self._images: OrderedDict[int, Image] = OrderedDict()
         self._bytes = 0
         self._lock = threading.Lock()
         self._busy: dict[int, threading.Lock] = {}
@@ -94,12 +110,14 @@ class Store:
         self._idle = threading.Event()
         self._idle.set()
         self._closed = False
-        self._claim(json.loads(json.dumps({"format": FORMAT, "images": count, **identity})))
+        if self.folder is not None:
+            self._claim(self.folder, json.loads(json.dumps({"format": FORMAT, "images": count, **identity})))
 
-    def _claim(self, identity: dict[str, Any]) -> None:
+    @staticmethod
+    def _claim(folder: Path, identity: dict[str, Any]) -> None:
         """Writes the manifest, or compares with the one that is there."""
-        path = self.folder / MANIFEST
-        self.folder.mkdir(parents=True, exist_ok=True)
+        path = folder / MANIFEST
+        folder.mkdir(parents=True, exist_ok=True)
         if not path.exists():
             with whole_file(path) as file:
                 file.write(json.dumps(identity, indent=1).encode())
@@ -112,35 +130,45 @@ class Store:
         for key in identity.keys() | found.keys():
             if found.get(key) != identity.get(key):
                 raise ValueError(
-                    f"{self.folder} has backdrops of another {key}: {found.get(key)!r}, not {identity.get(key)!r}; "
+                    f"{folder} has backdrops of another {key}: {found.get(key)!r}, not {identity.get(key)!r}; "
                     "paint into another folder, or delete this one"
                 )
 
-    def path(self, index: int) -> Path:
-        """The file of an image."""
-        return self.folder / f"{index:06d}.npz"
+    def path(self, index: int) -> Path | None:
+        """The file of an image; None without a folder."""
+        return None if self.folder is None else self.folder / f"{index:06d}.npz"
+
+    def has(self, index: int) -> bool:
+        """Whether an image is in memory or in the folder."""
+        path = self.path(index)
+        with self._lock:
+            return index in self._images or (path is not None and path.exists())
 
     def missing(self) -> list[int]:
-        """The images that are not in the folder.
+        """The images that are not in the folder; without one, those that are not in memory.
 
         Raises
         ------
         ValueError
             If one is cut off.
         """
+        if self.folder is None:
+            return [index for index in range(self.count) if not self.has(index)]
         there = {path.name for path in self.folder.glob("*.npz")}
         for name in sorted(there):
             if not zipfile.is_zipfile(self.folder / name):
-                raise ValueError(
-                    f"{self.folder / name} is not a whole layered image: delete it, and it will be made again"
-                )
-        return [index for index in range(self.count) if self.path(index).name not in there]
+                raise ValueError(f"{self.folder / name} is not a whole image: delete it, and it will be made again")
+        return [index for index in range(self.count) if f"{index:06d}.npz" not in there]
 
-    def put(self, index: int, image: LayeredDepthImage) -> None:
-        """Writes an image to its file."""
-        image.save(self.path(index))
+    def put(self, index: int, image: Image) -> None:
+        """Writes an image to its file; without a folder, keeps it in memory."""
+        path = self.path(index)
+        if path is None:
+            self._keep(index, image)
+        else:
+            image.save(path)
 
-    def get(self, index: int) -> LayeredDepthImage:
+    def get(self, index: int) -> Image:
         """An image, from memory, else from its file, else made.
 
         Raises
@@ -163,7 +191,7 @@ class Store:
                 self._keep(index, image)
         return image
 
-    def _kept(self, index: int) -> LayeredDepthImage | None:
+    def _kept(self, index: int) -> Image | None:
         with self._lock:
             image = self._images.get(index)
             if image is not None:
@@ -171,26 +199,30 @@ class Store:
                 self.hits += 1
             return image
 
-    def _fetch(self, index: int) -> LayeredDepthImage:
+    def _fetch(self, index: int) -> Image:
         path = self.path(index)
-        if not path.exists() and self._make is not None:
-            image = self._make(index)
-            self.put(index, image)
-            self.made += 1
+        if path is not None and path.exists():
+            image = self._load(path)
+            self.loads += 1
             return image
-        if not path.exists():
-            raise FileNotFoundError(f"image {index} is not painted yet: {path} is not there")
-        image = LayeredDepthImage.load(path)
-        self.loads += 1
+        if self._make is None:
+            raise FileNotFoundError(f"image {index} is not painted yet: {path or 'it'} is not there")
+        image = self._make(index)
+        if path is not None:
+            image.save(path)
+        self.made += 1
         return image
 
-    def _keep(self, index: int, image: LayeredDepthImage) -> None:
+    def _keep(self, index: int, image: Image) -> None:
         with self._lock:
+            before = self._images.pop(index, None)
+            if before is not None:
+                self._bytes -= self._size_of(before)
             self._images[index] = image
-            self._bytes += size_of(image)
+            self._bytes += self._size_of(image)
             while self._bytes > self._memory and len(self._images) > 1:
                 _, gone = self._images.popitem(last=False)
-                self._bytes -= size_of(gone)
+                self._bytes -= self._size_of(gone)
 
     @property
     def in_memory(self) -> tuple[int, ...]:
@@ -246,14 +278,14 @@ class Store:
                 if image is not None:
                     self._images.move_to_end(index)
             if image is None:
-                if not self.path(index).exists():
+                if not self.has(index):
                     continue
                 try:
                     image = self.get(index)
                 except (ValueError, OSError):
                     continue
-            held += size_of(image)
-            largest = max(largest, size_of(image))
+            held += self._size_of(image)
+            largest = max(largest, self._size_of(image))
 
     def wait(self, seconds: float | None = None) -> bool:
         """Waits until what was to be prefetched is there, for so long at most; whether it is."""
@@ -269,5 +301,5 @@ class Store:
 
 
 def size_of(image: LayeredDepthImage) -> int:
-    """Bytes that an image takes in memory once it was warped."""
+    """Bytes that a layered image takes in memory once it was warped."""
     return _SAMPLE * image.samples + _PIXEL * image.camera.width * image.camera.height

@@ -2,5 +2,7 @@
 
 from .building import Building
 from .cells import Cell, Portal
+from .drawing import PortalDrawn, PortalFrame, PortalWalk
+from .images import PortalImages
 
-__all__ = ["Building", "Cell", "Portal"]
+__all__ = ["Building", "Cell", "Portal", "PortalDrawn", "PortalFrame", "PortalImages", "PortalWalk"]

@@ -12,9 +12,12 @@ import numpy.typing as npt
 from ..camera import Camera
 from ..progress import Progress, reporter
 from ..scene import Scene
+from ..warp import Splat
 from .cells import TOUCH, Cell, Portal, parse_cells, parse_portals, winding
 from .cones import Cone
+from .drawing import PortalDrawn, PortalFrame, draw, frame
 from .finding import find
+from .images import Kind, PortalImages
 from .reading import read_building
 from .voxels import FILLED, NEAR, OUTDOORS
 
@@ -78,6 +81,7 @@ class Building:
         self._size = float(np.max(np.ptp([[c.low for c in self.cells], [c.high for c in self.cells]], axis=(0, 1))))
         self._corners = np.asarray(scene.vertices, np.float64)[scene.faces]
         self.faces = self._assigned() if faces is None else list(faces)
+        self._images: PortalImages | None = None
         self._doors: list[list[int]] = [[] for _ in range(len(self.cells) + 1)]
         for index, portal in enumerate(self.portals):
             for side in portal.cells:
@@ -261,6 +265,162 @@ class Building:
             if narrower is not None:
                 first, second = (len(self.cells) if side is None else side for side in portal.cells)
                 yield from self._views(second if first == place else first, narrower, used | {index}, True)
+
+    def paint(
+        self, kind: Kind = "static", *, on_demand: bool = False, progress: Progress = None, **options: Any
+    ) -> PortalImages:
+        """Makes the images by which `frame` and `draw` show portals.
+
+        Parameters
+        ----------
+        kind : {"static", "warped", "layered"}
+            Flat pictures, pictures with depth, or layered ones.
+        on_demand : bool
+            Paint nothing yet, but each image when it is first needed.
+        progress : bool or callable, optional
+            One unit is an image.
+        **options
+            As for `portals.images.PortalImages`, such as `up`, and a `folder` to keep them in.
+
+        Returns
+        -------
+        PortalImages
+
+        Raises
+        ------
+        ValueError
+            As there.
+
+        Examples
+        --------
+        >>> import cyclorama as cyc
+        >>> home = cyc.scenes.house(rooms=3, seed=1)
+        >>> building = Building(home, home.cells, home.portals)
+        >>> building.paint("static", step=30, size=(32, 32), progress=False).store.missing()
+        []
+        """
+        images = PortalImages(self, kind, **options)
+        if not on_demand:
+            images.paint(progress=progress)
+        if self._images is not None:
+            self._images.close()
+        self._images = images
+        return images
+
+    @property
+    def images(self) -> PortalImages:
+        """What `paint` made; before that, static images that are painted on demand."""
+        if self._images is None:
+            self._images = PortalImages(self)
+        return self._images
+
+    def frame(
+        self,
+        eye: npt.ArrayLike | Camera,
+        forward: npt.ArrayLike | None = None,
+        *,
+        fov_y: float = 60.0,
+        size: tuple[int, int] = (510, 480),
+    ) -> PortalFrame:
+        """What is drawn for an eye if portals are images (section 6.2).
+
+        Parameters
+        ----------
+        eye : (3,) array_like of float, or Camera
+            Where it is; or a pinhole camera, and nothing else.
+        forward : (3,) array_like of float
+            Where it looks.
+        fov_y : float
+            Degrees from the lower to the upper border.
+        size : (int, int)
+            Of the picture in pixels.
+
+        Returns
+        -------
+        PortalFrame
+            `.faces` of the eye's cell, and of those behind portals that are nearer than their transition distance;
+            `.views` of the other portals in sight, with the images that show them.
+
+        Raises
+        ------
+        ValueError
+            As for `visible`.
+
+        Examples
+        --------
+        >>> import cyclorama as cyc
+        >>> home = cyc.scenes.house(rooms=3, seed=1)
+        >>> building = Building(home, home.cells, home.portals)
+        >>> eye = (home.cells[0]["min"] + home.cells[0]["max"]) / 2
+        >>> frame = building.frame(eye, home.portals[0]["polygon"].mean(0) - eye)
+        >>> frame.cells, frame.views[0].portal
+        ([0], 0)
+        """
+        return frame(self.images, self._camera(eye, forward, fov_y, size))
+
+    def draw(
+        self,
+        eye: npt.ArrayLike | Camera,
+        forward: npt.ArrayLike | None = None,
+        *,
+        fov_y: float = 60.0,
+        size: tuple[int, int] = (510, 480),
+        splat: Splat | None = None,
+        max_ms: float | None = None,
+        threads: int | None = None,
+    ) -> PortalDrawn:
+        """The picture of an eye: its cell, and images in the portals.
+
+        Parameters
+        ----------
+        eye, forward, fov_y, size
+            As for `frame`.
+        splat : int or str, optional
+            What a sample of a warped or layered image covers; see `cyclorama.warp.forward`. By default warped images
+            are meshes, and samples of layered ones are as large as they appear.
+        max_ms : float, optional
+            Spend no more than so many milliseconds of a frame on painting images, though at least one picture is
+            taken; until one is done the best that there is takes its place, or geometry. By default an image that is
+            needed is painted at once.
+        threads : int, optional
+            All cores by default. The picture doesn't depend on it.
+
+        Returns
+        -------
+        PortalDrawn
+            `.color`, `.depth`, `.hole`, `.portal` and `.stats`. For transitions see `portals.drawing.PortalWalk`.
+
+        Raises
+        ------
+        ValueError
+            As for `frame`, and if `max_ms` is negative.
+
+        Examples
+        --------
+        >>> import cyclorama as cyc
+        >>> home = cyc.scenes.house(rooms=3, seed=1)
+        >>> building = Building(home, home.cells, home.portals)
+        >>> eye = (home.cells[0]["min"] + home.cells[0]["max"]) / 2
+        >>> building.draw(eye, home.portals[0]["polygon"].mean(0) - eye, size=(64, 48)).hole.any()
+        np.False_
+        """
+        camera = self._camera(eye, forward, fov_y, size)
+        return draw(self.images, camera, splat=splat, max_ms=max_ms, threads=threads)
+
+    def _camera(
+        self, eye: npt.ArrayLike | Camera, forward: npt.ArrayLike | None, fov_y: float, size: tuple[int, int]
+    ) -> Camera:
+        if isinstance(eye, Camera):
+            if forward is not None:
+                raise ValueError("a camera knows where it looks: leave forward out")
+            return eye
+        if forward is None:
+            raise ValueError("forward is missing: where the eye looks")
+        at = _eye(eye)
+        gaze = np.asarray(forward, np.float64)
+        if gaze.shape != (3,) or not (np.isfinite(gaze).all() and gaze.any()):
+            raise ValueError(f"forward must be three finite numbers, not all zero, got {gaze.tolist()}")
+        return Camera.look_at(at, at + gaze, self.images.up, fov_y, *size)
 
     def _places(self, eye: Floats) -> tuple[list[int], frozenset[int]]:
         """Where an eye is: a cell, or the sides of the portals that it is in; and those portals."""
