@@ -5,6 +5,10 @@ import pytest
 
 import cyclorama as cyc
 from cyclorama.region import visible_from
+from reference.level import Level
+
+# Middles and half sides of boxes in the level from which no ray gets out through the sky, which the mesh lacks.
+CLOSED = (([2203, 1866, 404], [19, 21, 22]), ([1384, 1557, 206], [11, 14, 16]), ([1554, 2007, 481], [19, 16, 22]))
 
 
 def tube(length=10.0):
@@ -72,6 +76,82 @@ def test_a_short_look_expects_what_a_long_one_finds():
     assert 0.2 * more < short.unseen < 5 * more
 
 
+def test_regions_of_a_level_lie_within_its_compiled_sets_and_every_face_has_a_witness(data):
+    """And the other way round: of what many random rays find, hardly anything is missing."""
+    o3d = pytest.importorskip("open3d", reason="needs open3d for a second opinion")
+    level = Level(data)
+    scene = cyc.Scene(level.vertices, level.faces)
+    caster = o3d.t.geometry.RaycastingScene()
+    caster.add_triangles(scene.vertices.astype(np.float32), scene.faces)
+    rng = np.random.default_rng(0)
+    for center, half in CLOSED:
+        low, high = np.array(center) - half, np.array(center) + half
+        clusters = level.clusters(low, high)
+        assert -1 not in clusters
+        eyes = rng.uniform(low, high, (500_000, 3))
+        rays = np.hstack([eyes, rng.normal(size=eyes.shape)]).astype(np.float32)
+        hit = caster.cast_rays(o3d.core.Tensor(rays))["primitive_ids"].numpy()
+        assert (hit != cyc.BACKGROUND).all()
+        region = visible_from(scene, low, high, resolution=96, max_eyes=40, progress=False)
+        allowed = level.bound(clusters)
+        assert 0.01 < allowed.mean() < 0.95
+        assert np.isin(np.unique(hit), region.faces).mean() > 0.97
+        eyes, points = region.witnesses(scene)
+        shown = np.isfinite(points).all(axis=1)
+        assert shown.mean() > 0.97
+        assert ((eyes >= low) & (eyes <= high)).all()
+        rays = np.hstack([eyes, points - eyes])[shown].astype(np.float32)
+        reached = caster.cast_rays(o3d.core.Tensor(rays))["t_hit"].numpy()
+        # Nothing is nearer than the point, up to float32 coordinates of some thousand units.
+        assert (reached > 1 - 1e-4).mean() > 0.999
+        outside = np.flatnonzero(~allowed[region.faces])
+        assert len(outside) <= 0.002 * len(region.faces)
+        # The compiler knows of walls that are not drawn; only through them is more to be seen.
+        assert all(level.crosses_solid(eyes[index], points[index]) for index in outside)
+
+
+def test_witnesses_lie_on_their_faces_and_say_whose_scene_is_meant():
+    ball = cyc.scenes.sphere(faces=320)
+    region = visible_from(ball, [-1, -1, 2], [1, 1, 3], resolution=64, max_eyes=20, progress=False)
+    eyes, points = region.witnesses(ball)
+    corners = ball.vertices.astype(np.float64)[ball.faces[region.faces]]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    assert np.abs(((points - corners[:, 0]) * normals).sum(axis=1)).max() < 1e-12
+    inward = np.cross(normals[:, None], np.roll(corners, -1, axis=1) - corners)
+    assert (((points[:, None] - corners) * inward).sum(axis=2) > -1e-12).all()
+    # The ball is convex: seen is what the eye lies in front of.
+    assert (((eyes - corners[:, 0]) * normals).sum(axis=1) > 0).all()
+    with pytest.raises(ValueError, match=r"face \d+ was seen, but the scene has 80 faces"):
+        region.witnesses(cyc.scenes.sphere(faces=80))
+
+
+def test_it_ends_where_few_new_faces_come_into_view_and_eyes_stay_in_the_box():
+    scene = cyc.scenes.house(rooms=2, seed=1)
+    low, high = scene.cells[0]["min"] + 0.5, scene.cells[0]["min"] + 1.5
+    ends = []
+    for least in (0.0, 1.0, 20.0):
+        region = visible_from(scene, low, high, resolution=48, max_eyes=120, least=least, progress=False)
+        ends.append(len(region.eyes))
+        assert region.growth[-1] == len(region.faces) and (np.diff(region.growth) >= 0).all()
+        np.testing.assert_array_equal(np.bincount(region.first, minlength=len(region.eyes)).cumsum(), region.growth)
+        assert ((region.eyes >= low) & (region.eyes <= high)).all()
+        assert len(np.unique(region.eyes, axis=0)) == len(region.eyes)
+        late = region.growth[-1] - region.growth[-17]
+        assert len(region.eyes) == 120 or late <= 16 * least
+    assert ends == sorted(ends, reverse=True) and ends[0] > ends[2]
+
+
+def test_eyes_of_an_empty_box_are_on_its_surface():
+    ball = cyc.scenes.sphere(faces=80)
+    low, high = np.array([2.0, 0, 0]), np.array([3.0, 1, 2])
+    for guided in (False, True):
+        eyes = visible_from(ball, low, high, resolution=16, max_eyes=60, patience=60, guided=guided).eyes
+        assert (np.isclose(eyes, low) | np.isclose(eyes, high)).any(axis=1).all()
+    around = visible_from(ball, [-2, -2, -2], [2, 2, 2], resolution=16, max_eyes=60, patience=60).eyes
+    assert (np.abs(around).max(axis=1) < 1.999).sum() > 15
+
+
 def test_threads_change_nothing_and_seeds_do():
     scene = cyc.scenes.house(rooms=2, seed=0)
     box = (*scene.bounds,)
@@ -98,6 +178,7 @@ def test_transparent_faces_are_always_there():
         (([0, 0, 0], [1, 1, 1]), {"resolution": 2.5}, "resolution"),
         (([0, 0, 0], [1, 1, 1]), {"patience": -1}, "patience"),
         (([0, 0, 0], [1, 1, 1]), {"seed": -1}, "seed"),
+        (([0, 0, 0], [1, 1, 1]), {"least": np.nan}, "least must be a number of at least 0, got nan"),
     ],
 )
 def test_bad_boxes_and_counts_are_refused(box, options, message):

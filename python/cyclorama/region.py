@@ -2,16 +2,18 @@
 
 An eye sees in all directions through six images of 90 degrees, the sides of a cube around it. Eyes are put at the box's
 corners first, which for a convex scene is enough (how far an eye lies in front of a face's plane is largest at a
-corner), then along a low-discrepancy sequence that fills the box. It ends when a run of eyes finds nothing new, or when
-there are no more eyes to spend.
+corner). The others are on the box's edges and sides, where every line of sight leaves it; if a face reaches into the
+box, every other one is inside. Half of them follow a low-discrepancy sequence, and half go where faces came into view:
+beside an eye that found new ones, nearer each time (the mutation of guided visibility sampling, Wonka et al. 2006, of
+eyes instead of rays). It ends when a run of eyes finds few new faces, or when there are no more eyes to spend.
 
 The set is *aggressive*: every face in it is seen from somewhere, but one that is seen only from a small part of the box
-may be missing. How many are, is estimated from those that were seen by few eyes: Chao's estimate (Scandinavian Journal
-of Statistics 11, 1984) in its bias-corrected form for incidences, ``(n - 1) / n * q1 (q1 - 1) / (2 (q2 + 1))`` with q1
-faces seen by exactly one of n eyes and q2 by exactly two. Eyes at the corners are no random ones, so this is an order
-of magnitude: on procedural houses, trees and gears it was 0.6 to 3 times what further eyes, up to 128, found while that
-was over a hundred faces, and far more than that once little was left. It knows nothing of faces that no eye is likely
-to meet: a face behind a keyhole leaves no trace in it.
+may be missing. How many are, is estimated from how fast it grows once the corners have been looked from. ``d``, what
+the second half of the eyes adds to the first, is expected over all orders of the eyes from how many of them saw each
+face; and each doubling was found to add some three quarters of what the one before added, so that ``3 d`` are still
+unseen, in a castle and in furnished houses alike. Chao's estimate, from faces seen by one eye and by two, was a third
+of the truth there: it expects all faces to be about equally hard to see, and the hardest are not. Neither knows of
+faces that no eye is likely to meet: a face behind a keyhole leaves no trace.
 """
 
 from __future__ import annotations
@@ -26,6 +28,7 @@ from .camera import Camera
 from .progress import Progress, reporter
 from .render import Fill
 from .scene import Scene
+from .witnesses import witness
 
 __all__ = ["Region", "visible_from"]
 
@@ -55,14 +58,63 @@ class Region:
         How many more there may be, estimated; see the module's text. 0 for a box that is a single point.
     eyes : (N, 3) ndarray of float64
         From where was looked.
+    first : (K,) ndarray of int64
+        The eye that saw each face first.
+    growth : (N,) ndarray of int64
+        How many faces had been seen after each eye.
     """
 
     faces: npt.NDArray[np.uint32]
     unseen: float
     eyes: Floats
+    first: npt.NDArray[np.int64]
+    growth: npt.NDArray[np.int64]
 
     def __repr__(self) -> str:
         return f"<Region: {len(self.faces):,} faces from {len(self.eyes):,} eyes, about {self.unseen:.3g} unseen>"
+
+    def witnesses(self, scene: Scene, *, resolution: int = 64, threads: int | None = None) -> tuple[Floats, Floats]:
+        """For each face an eye in the box, and a point of the face that nothing hides from it.
+
+        Parameters
+        ----------
+        scene : Scene
+            What was looked at.
+        resolution : int
+            Pixels along each side of an image that a face fills; four times as many, of the face and then of parts of
+            it, where none of them shows it.
+        threads : int, optional
+            As for `visible_from`.
+
+        Returns
+        -------
+        eyes, points : (K, 3) ndarray of float64
+            The point is NaN where no pixel showed the face, as of transparent ones.
+
+        Raises
+        ------
+        ValueError
+            If the scene lacks a face that was seen.
+
+        Examples
+        --------
+        >>> import cyclorama as cyc
+        >>> ball = cyc.scenes.sphere(faces=320)
+        >>> region = visible_from(ball, [-1, -1, 3], [1, 1, 4], resolution=64, progress=False)
+        >>> eyes, points = region.witnesses(ball)
+        >>> bool(np.linalg.norm(points, axis=1).max() < 1.001)
+        True
+        """
+        _check_count("resolution", resolution, 1)
+        if len(self.faces) and self.faces[-1] >= len(scene):
+            raise ValueError(f"face {self.faces[-1]} was seen, but the scene has {len(scene)} faces: it is another one")
+        eyes = self.eyes[self.first]
+        points = np.full(eyes.shape, np.nan)
+        for index, (face, eye) in enumerate(zip(self.faces.tolist(), eyes, strict=True)):
+            point = witness(scene, face, eye, resolution, threads)
+            if point is not None:
+                points[index] = point
+        return eyes, points
 
 
 def visible_from(
@@ -74,6 +126,8 @@ def visible_from(
     fill: Fill = "rays",
     max_eyes: int = 256,
     patience: int = 16,
+    least: float = 0.25,
+    guided: bool = True,
     seed: int = 0,
     threads: int | None = None,
     progress: Progress = None,
@@ -93,7 +147,11 @@ def visible_from(
     max_eyes : int
         Most eyes to look from.
     patience : int
-        It ends when at least so many eyes in a row, after the corners, found nothing new.
+        Eyes, after the corners, over which new faces are counted.
+    least : float
+        It ends when the last `patience` eyes found at most so many new faces each, on average.
+    guided : bool
+        Whether every other eye goes where faces came into view; else all fill the box evenly.
     seed : int
         Where the sequence of eyes begins.
     threads : int, optional
@@ -123,31 +181,88 @@ def visible_from(
     for name, value in (("resolution", resolution), ("max_eyes", max_eyes), ("patience", patience)):
         _check_count(name, value, 1)
     _check_count("seed", seed, 0)
-    corners, eyes = _eyes(box, max_eyes, seed)
+    if not (np.isfinite(least) and least >= 0):
+        raise ValueError(f"least must be a number of at least 0, got {least!r}")
+    inside = _reached_into(scene, box)
+    corners, even = _eyes(box, max_eyes, seed, inside)
+    guide = _Guide(box, seed, inside)
     sightings = np.zeros(len(scene), dtype=np.int64)
-    spent, idle = 0, 0
-    with reporter(progress, len(eyes), "eyes") as report:
-        while spent < len(eyes) and idle < patience:
-            step = eyes[spent : corners if spent < corners else spent + _STEP]
-            cameras = [camera for eye in step for camera in _cube(eye, resolution)]
-            seen = scene.visible(cameras, fill, threads=threads, progress=False)
-            whole = np.bitwise_or.reduce(seen.words.reshape(len(step), len(_SIDES), -1), axis=1)
-            flags = bitfield.unpack(whole, len(scene))
-            new = flags.any(axis=0) & (sightings == 0)
-            sightings += flags.sum(axis=0)
-            idle = 0 if spent < corners or new.any() else idle + len(step)
-            spent += len(step)
-            report(spent)
-        report(len(eyes))
-    return Region(np.flatnonzero(sightings).astype(np.uint32), _chao(sightings, spent), eyes[:spent])
+    first = np.full(len(scene), -1, dtype=np.int64)
+    eyes, growth = np.empty((0, 3)), np.zeros(0, np.int64)
+    with reporter(progress, len(even), "eyes") as report:
+        while len(eyes) < len(even):
+            spent = len(eyes)
+            step = even[spent : corners if spent < corners else spent + _STEP].copy()
+            if guided and spent >= corners:
+                guide.lead(step[1::2])
+            for eye, flags in enumerate(_looked(scene, step, resolution, fill, threads), spent):
+                new = flags & (sightings == 0)
+                sightings += flags
+                first[new] = eye
+                growth = np.append(growth, np.count_nonzero(sightings))
+                if eye >= corners:
+                    guide.learn(step[eye - spent], int(np.count_nonzero(new)))
+            eyes = np.concatenate([eyes, step])
+            report(len(eyes))
+            before = len(eyes) - patience
+            if before >= corners and growth[-1] - growth[before - 1] <= least * patience:
+                break
+        report(len(even))
+    faces = np.flatnonzero(sightings).astype(np.uint32)
+    later = faces[first[faces] >= corners] if len(eyes) > corners else faces
+    unseen = _unseen(sightings[later], len(eyes) - corners if len(eyes) > corners else len(eyes))
+    return Region(faces, unseen, eyes, first[faces], growth)
 
 
-def _chao(sightings: npt.NDArray[np.int64], eyes: int) -> float:
-    """How many faces none of the eyes saw, from how many saw each."""
+def _looked(scene: Scene, eyes: Floats, resolution: int, fill: Fill, threads: int | None) -> npt.NDArray[np.bool_]:
+    """(N, F) what each eye sees."""
+    cameras = [camera for eye in eyes for camera in _cube(eye, resolution)]
+    seen = scene.visible(cameras, fill, threads=threads, progress=False)
+    whole = np.bitwise_or.reduce(seen.words.reshape(len(eyes), len(_SIDES), -1), axis=1)
+    return bitfield.unpack(whole, len(scene))
+
+
+class _Guide:
+    """Where eyes go next: beside one that found new faces, as often as it found many."""
+
+    def __init__(self, box: Floats, seed: int, inside: bool) -> None:
+        self._box, self._inside = box, inside
+        self._rng = np.random.default_rng([seed, 1])
+        self._shares: list[Floats] = []
+        self._found: list[float] = []
+        self._reach: list[float] = []
+
+    def lead(self, eyes: Floats) -> None:
+        """Moves some eyes, if any found something yet."""
+        shares = np.empty(eyes.shape)
+        for share in shares:
+            weights = np.array(self._found)
+            if not weights.sum() > 0:
+                return
+            parent = int(self._rng.choice(len(weights), p=weights / weights.sum()))
+            # Of what came into view there, one more look finds a part.
+            self._found[parent] /= 2
+            self._reach[parent] /= 2
+            share[:] = self._shares[parent] + (self._rng.random(3) - 0.5) * self._reach[parent]
+        shares = np.clip(shares, 0, 1)
+        shares = shares if self._inside else _onto_surface(shares)
+        eyes[:] = self._box[0] + shares * (self._box[1] - self._box[0])
+
+    def learn(self, eye: Floats, found: int) -> None:
+        """What an eye found that was new."""
+        self._shares.append((eye - self._box[0]) / np.maximum(self._box[1] - self._box[0], 1e-300))
+        self._found.append(float(found))
+        self._reach.append(1.0)
+
+
+def _unseen(sightings: npt.NDArray[np.int64], eyes: int) -> float:
+    """How many faces no eye saw, from how many saw each of the others: thrice what the second half of them added."""
     if eyes < 2:
         return 0.0
-    once, twice = (np.count_nonzero(sightings == k) for k in (1, 2))
-    return float((eyes - 1) / eyes * once * (once - 1) / (2 * (twice + 1)))
+    # Of all ways to choose the first half, the share in which none that saw a face is among them.
+    half = eyes // 2
+    share = np.cumprod([1.0, *((eyes - half - k) / (eyes - k) for k in range(eyes - half)), 0.0])
+    return float(3 * share[np.minimum(sightings, len(share) - 1)].sum())
 
 
 def check_box(low: npt.ArrayLike, high: npt.ArrayLike) -> Floats:
@@ -171,14 +286,34 @@ def _check_count(name: str, value: int, least: int) -> None:
         raise ValueError(f"{name} must be a whole number of at least {least}, got {value!r}")
 
 
-def _eyes(box: Floats, most: int, seed: int) -> tuple[int, Floats]:
-    """How many of the eyes are corners, and all of them: each place once."""
+def _eyes(box: Floats, most: int, seed: int, inside: bool) -> tuple[int, Floats]:
+    """How many of the eyes are corners, and all of them: each place once; every other one of the rest inside the box if
+    that is asked for, the others on its surface."""
     corners = np.unique([[box[i, 0], box[j, 1], box[k, 2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)], axis=0)
     corners = corners[:most]
     count = most - len(corners) if len(corners) > 1 else 0
     begin = np.random.default_rng(seed).random(3)
-    inside = (begin + np.arange(count)[:, None] * _CUBE_STEP) % 1
-    return len(corners), np.concatenate([corners, box[0] + inside * (box[1] - box[0])])
+    shares = (begin + np.arange(count)[:, None] * _CUBE_STEP) % 1
+    outer = np.arange(count) % 2 == 0 if inside else np.ones(count, bool)
+    shares[outer] = _onto_surface(shares[outer])
+    return len(corners), np.concatenate([corners, box[0] + shares * (box[1] - box[0])])
+
+
+def _onto_surface(shares: Floats) -> Floats:
+    """Points of the unit cube moved to its surface along an axis, every other one on to an edge."""
+    order = np.argsort(-np.abs(shares - 0.5), axis=1)
+    moved = shares.copy()
+    rows = np.arange(len(shares))
+    moved[rows, order[:, 0]] = np.round(moved[rows, order[:, 0]])
+    edges = rows[::2]
+    moved[edges, order[edges, 1]] = np.round(moved[edges, order[edges, 1]])
+    return moved
+
+
+def _reached_into(scene: Scene, box: Floats) -> bool:
+    """Whether the box of a face reaches into a box."""
+    corners = scene.vertices[scene.faces]
+    return bool(((corners.min(axis=1) < box[1]) & (corners.max(axis=1) > box[0])).all(axis=1).any())
 
 
 def _cube(eye: Floats, resolution: int) -> list[Camera]:
