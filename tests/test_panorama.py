@@ -2,11 +2,32 @@
 
 from __future__ import annotations
 
+import errno
+import gzip
+import json
+import shutil
+from functools import partial
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 import cyclorama as cyc
-from cyclorama.panorama import BuiltIn, Projection, Track
+from cyclorama.panorama import (
+    BuiltIn,
+    Layer,
+    PanoramaFolder,
+    PovRay,
+    Projection,
+    Pyrender,
+    Store,
+    Survey,
+    Track,
+    find_slabs,
+    kept_tiles,
+    places_by_error,
+)
+from cyclorama.panorama.viewing import resample
 
 
 @pytest.fixture(scope="module")
@@ -58,3 +79,328 @@ def test_tracks_of_one_point_through_walls_and_outside_are_refused(house, eye):
         Track([eye, eye + [0, 0, 100]]).check(house, allow_outside=True)
     with pytest.raises(ValueError, match="outside the scene"):
         Track([eye, eye + [0, 0, 100]]).check(house)
+
+
+@pytest.mark.parametrize("t", [0.0, 0.5, 1.0])
+def test_views_at_references_are_resamplings_of_the_unsplit_panorama(walk, house, t):
+    entry = walk.references[int(t * 2)]
+    assert entry.t == pytest.approx(t)
+    camera = cyc.Camera.look_at(entry.eye, entry.eye + [1.0, -0.1, 0.6], fov_y=50, width=160, height=120)
+    seen = cyc.panorama.view(walk, entry.t, camera)
+    layer = BuiltIn(house).render(entry.eye, walk.projection, 0.0, np.inf)
+    whole = np.dstack([layer.color, np.where(layer.opacity, 255, 0).astype(np.uint8)])
+    expected, known = resample(whole, walk.projection, camera)
+    assert seen.exact and cyc.quality.psnr(seen.color, expected, where=known) >= 45
+    assert not seen.hole.any()
+
+
+def test_between_references_views_are_close_to_the_truth(house, eye, tmp_path):
+    """Spacing a twentieth of the median range, the default: 30 dB are asked for where anything is seen."""
+    paint = partial(cyc.quality.paint, grain=house.radius / 20)
+    renderer = BuiltIn(house, texture=paint)
+    store = cyc.panorama.bake(renderer, [eye, eye + [0.3, 0, 0]], 3, (1024, 256), out=tmp_path, progress=False)
+    assert len(store) >= 3
+    middle = float((store.references[0].t + store.references[1].t) / 2)
+    here = store.track.at(middle)
+    for ahead in ([1, 0, 0.2], [-0.3, 0, -1], [-1, 0, 0.5]):
+        camera = cyc.Camera.look_at(here, here + ahead, fov_y=50, width=160, height=120)
+        seen, again = (cyc.panorama.view(store, middle, camera, threads=n) for n in (1, 2))
+        np.testing.assert_array_equal(seen.color, again.color)
+        points = cyc.DepthImage.from_view(house.render(camera)).points()
+        known = np.isfinite(points).all(axis=-1)
+        assert cyc.quality.psnr(seen.color, paint(points), where=known) >= 30
+        assert seen.hole.mean() < 0.002
+        depth = house.render(camera).depth
+        assert np.median(np.abs(seen.depth[known] / depth[known] - 1)) < 2e-3
+
+
+@pytest.fixture(scope="module")
+def survey(house, eye):
+    track = [eye, eye + [0.4, 0.0, 0.1]]
+    return Survey(house, track, 3, (512, 128), tile=8, spacing=0.2, progress=False)
+
+
+def test_exact_culling_loses_no_pixel_and_the_papers_does(survey):
+    """The paper's method drops more, and some of that is seen: occluders are not at their slab's far end."""
+    exact = survey.losses("exact", views=60, size=(96, 72))
+    assert exact.tiles_dropped > 200
+    assert exact.lost == 0
+    paper = survey.losses("paper", views=60, size=(96, 72), counts_tiles=True)
+    assert paper.tiles_dropped > exact.tiles_dropped
+    assert paper.lost > 0 and paper.tiles_wrong > 0
+
+
+def test_tables_count_tiles_and_bytes(survey):
+    rows = survey.table("exact", (1.0, 0.8)) + survey.table("paper")
+    assert [row.slab for row in rows] == [1, 2, 3] * 3
+    assert rows[0].kept == rows[0].tiles and rows[0].kept_bytes == rows[0].bytes
+    assert all(row.kept <= row.tiles <= row.all == 16 * 64 * 3 for row in rows)
+    for strict, loose, paper in zip(rows[1:3], rows[4:6], rows[7:9], strict=True):
+        assert paper.kept < loose.kept < strict.kept < strict.tiles
+        assert paper.kept_bytes < loose.kept_bytes < strict.kept_bytes < strict.bytes
+        assert strict.kept_raw < strict.raw
+
+
+def test_occluders_before_their_slabs_end_hide_less_than_the_paper_says():
+    """An occluder at 100 of a slab that ends at 1000, something at 5000 behind it, an eye 50 to the side.
+
+    The view moves by 0.49 rad, the paper's window by 0.04.
+    """
+    panorama = Projection(size=(1024, 64))
+    wall = np.zeros((64, 1024), np.float32)
+    wall[:, 412:612] = 1 / 100
+    behind = np.full_like(wall, 1 / 5000)
+    eyes = np.array([[50.0, 0, 0], [-50.0, 0, 0]])
+    slabs = [(0.0, 1000.0), (1000.0, np.inf)]
+    found = {
+        method: kept_tiles(panorama, [wall, behind], slabs, eyes, tile=8, method=method)[1]
+        for method in ("exact", "paper")
+    }
+    # Columns that the wall hides from all eyes: its 200 pixels less 2 x 0.49 rad of 163 pixels each.
+    row = {method: int((~keep[4]).sum()) for method, keep in found.items()}
+    assert row["paper"] == (200 - 2 * 7) // 8 - 1 or row["paper"] == 22
+    assert 3 <= row["exact"] <= (200 - 2 * 0.45 * 163) // 8
+
+
+def test_slabs_are_cut_in_valleys_and_out_of_order_is_refused(house, eye, tmp_path):
+    rng = np.random.default_rng(1)
+    groups = [rng.normal(m, s, 4000) for m, s in ((1.0, 0.05), (10.0, 1.0), (200.0, 20.0))]
+    cuts = find_slabs(np.concatenate(groups), 3)
+    for cut, near, far in zip(cuts, groups[:-1], groups[1:], strict=True):
+        assert near.max() < cut < far.min()
+    assert len(find_slabs(groups[0], 4)) == 3
+    with pytest.raises(ValueError, match="ascending order"):
+        cyc.panorama.bake(house, [eye, eye + [0.1, 0, 0]], [2.0, 1.0], (64, 32), out=tmp_path / "a", progress=False)
+    with pytest.raises(ValueError, match="one slab"):
+        find_slabs([2.0, 2.0], 2)
+
+
+def bake_small(house, eye, folder, scene=None, **options):
+    track = [eye, eye + [0.4, 0.0, 0.0]]
+    options = {"spacing": 0.1, "progress": False, **options}
+    return cyc.panorama.bake(scene or house, track, 2, (128, 64), out=folder, **options)
+
+
+class Fails:
+    """A renderer that gives up after some layers."""
+
+    def __init__(self, scene, layers, error):
+        self.inner, self.left, self.error = BuiltIn(scene), layers, error
+
+    def render(self, eye, projection, near, far):
+        self.left -= 1
+        if self.left < 0:
+            raise self.error
+        return self.inner.render(eye, projection, near, far)
+
+
+def contents(folder):
+    return {path.relative_to(folder): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
+def test_a_bake_that_was_stopped_goes_on_where_it_ended(house, eye, tmp_path):
+    # Three layers of the coarse panoramas of slabs, five references of two slabs.
+    with pytest.raises(KeyboardInterrupt):
+        bake_small(house, eye, tmp_path / "a", Fails(house, 5 + 5, KeyboardInterrupt()))
+    with pytest.raises(ValueError, match="2 of 5 references are drawn"):
+        Store(tmp_path / "a")
+    before = contents(tmp_path / "a")
+    again = bake_small(house, eye, tmp_path / "a", Fails(house, 5 + 6, KeyboardInterrupt()))
+    fresh = bake_small(house, eye, tmp_path / "b", Fails(house, 99, KeyboardInterrupt()))
+    assert len(again) == 5 and contents(tmp_path / "a") == contents(tmp_path / "b")
+    assert again.bytes == fresh.bytes
+    after = contents(tmp_path / "a")
+    assert all(after[name] == content for name, content in before.items() if name.name != "manifest.json")
+    assert not list((tmp_path / "a").glob("*.part"))
+
+
+def test_a_full_disk_leaves_what_was_whole(house, eye, tmp_path, monkeypatch):
+    written = []
+
+    def full(path, content):
+        written.append(path)
+        if len(written) > 12:
+            raise OSError(errno.ENOSPC, "No space left on device", str(path))
+        return real(path, content)
+
+    real = Path.write_bytes
+    monkeypatch.setattr(Path, "write_bytes", full)
+    with pytest.raises(OSError, match="No space left"):
+        bake_small(house, eye, tmp_path / "a")
+    monkeypatch.undo()
+    assert not list((tmp_path / "a").glob("*.part"))
+    assert len(bake_small(house, eye, tmp_path / "a")) == 5
+
+
+def test_another_walk_in_the_folder_is_refused_and_stays(house, eye, tmp_path):
+    bake_small(house, eye, tmp_path)
+    before = contents(tmp_path)
+    with pytest.raises(ValueError, match=r"another (slabs|references)"):
+        bake_small(house, eye, tmp_path, spacing=0.2)
+    with pytest.raises(ValueError, match="another culling"):
+        bake_small(house, eye, tmp_path, method="paper")
+    with pytest.raises(ValueError, match="through a wall"):
+        cyc.panorama.bake(house, [eye, eye + [0, 0, 100]], out=tmp_path, allow_outside=True)
+    assert contents(tmp_path) == before
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "letter").write_text("dear")
+    with pytest.raises(ValueError, match="other files in it"):
+        bake_small(house, eye, tmp_path / "other")
+
+
+def test_damaged_stores_are_refused_by_name(house, eye, tmp_path):
+    store = bake_small(house, eye, tmp_path)
+    manifest = json.loads((tmp_path / "manifest.json").read_text())
+
+    def rewritten(**changes):
+        (tmp_path / "manifest.json").write_text(json.dumps({**manifest, **changes}))
+
+    rewritten(format="cyclorama walk 0")
+    with pytest.raises(ValueError, match="its format is 'cyclorama walk 0'"):
+        Store(tmp_path)
+    rewritten(slabs=manifest["slabs"][::-1])
+    with pytest.raises(ValueError, match="out of order"):
+        Store(tmp_path)
+    (tmp_path / "manifest.json").write_text(json.dumps(manifest)[:-40])
+    with pytest.raises(ValueError, match="not a whole manifest"):
+        Store(tmp_path)
+    rewritten()
+    sector = store.describe(1)["slabs"][1]["sectors"][0]
+    for name in ("image", "quads"):
+        path = tmp_path / "0001" / sector[name]
+        content = path.read_bytes()
+        path.write_bytes(content[:-7])
+        with pytest.raises(ValueError, match=f"{sector[name]} is not the file that was written"):
+            Store(tmp_path).reference(1)
+        path.unlink()
+        with pytest.raises(ValueError, match="can't be read"):
+            Store(tmp_path).reference(1)
+        path.write_bytes(content)
+    Store(tmp_path).reference(1)
+    with pytest.raises(FileNotFoundError, match="bake"):
+        Store(tmp_path / "nowhere")
+
+
+def test_plain_tools_open_the_store(walk):
+    """Pillow, gzip and json, as the module's text says, and nothing of ours."""
+    image = pytest.importorskip("PIL.Image", reason="needs Pillow to read tiles")
+    manifest = json.loads((walk.folder / "manifest.json").read_text())
+    folder = walk.folder / manifest["references"][0]["folder"]
+    slab = json.loads((folder / "view.json").read_text())["slabs"][1]
+    reference = walk.reference(0)
+    tile, across = manifest["tile"], manifest["size"][0] // manifest["tile"]
+    total = 0
+    for sector in slab["sectors"]:
+        picture = np.asarray(image.open(folder / sector["image"]))
+        quads = np.frombuffer(gzip.decompress((folder / sector["quads"]).read_bytes()), "<u2").reshape(-1, 7)
+        total += len(quads)
+        for index, number in enumerate(sector["tiles"]):
+            top, left = index // 8 * (tile + 2) + 1, index % 8 * (tile + 2) + 1
+            y, x = number // across * tile, number % across * tile
+            cell = picture[top : top + tile, left : left + tile]
+            np.testing.assert_array_equal(cell, reference.slabs[1].pixels[y : y + tile, x : x + tile])
+    assert total == len(reference.slabs[1].quads)
+
+
+def test_codecs_are_lossless(house, eye, tmp_path):
+    stores = [bake_small(house, eye, tmp_path / codec, codec=codec, spacing=0.4) for codec in ("png", "webp")]
+    np.testing.assert_array_equal(*(store.panorama(1) for store in stores))
+    with pytest.raises(ValueError, match="codec must be"):
+        bake_small(house, eye, tmp_path / "jpg", codec="jpg")
+
+
+def test_references_stand_where_errors_want_them(house, eye, tmp_path):
+    paint = partial(cyc.quality.paint, grain=house.radius / 10)
+    renderer = BuiltIn(house, texture=paint)
+    track = Track([eye, eye + [0.6, 0, 0]])
+    grid = Projection(size=(256, 64))
+    few, many = (places_by_error(renderer, track, error, panorama=grid) for error in (24.0, 12.0))
+    assert len(few) < len(many) and few[0] == many[0] == 0 and few[-1] == many[-1] == 1
+    with pytest.raises(ValueError, match="max_error"):
+        places_by_error(renderer, track, 0.0)
+
+
+def test_one_reference_serves_all_of_a_track(house, eye, tmp_path):
+    store = bake_small(house, eye, tmp_path, places=[0.5])
+    camera = cyc.Camera.look_at(eye, eye + [0, 0, -1], width=32, height=24)
+    assert cyc.panorama.view(store, 0.5, camera).exact
+    assert not cyc.panorama.view(store, 0.1, camera).exact
+
+
+@pytest.mark.parametrize("kind", ["cylinder", "equirect"])
+def test_pyrender_sees_what_the_built_in_renderer_sees(house, eye, kind):
+    pytest.importorskip("pyrender", reason="needs pyrender")
+    panorama = Projection(kind, (256, 64))
+    theirs = Pyrender(house)
+    try:
+        whole = theirs.render(eye, panorama, 0.0, np.inf)
+    except (ImportError, OSError, AttributeError, RuntimeError) as error:
+        pytest.skip(f"needs an OpenGL that pyrender can use: {error}")
+    ours = BuiltIn(house).render(eye, panorama, 0.0, np.inf)
+    assert np.mean(whole.opacity == ours.opacity) > 0.99
+    both = whole.opacity & ours.opacity
+    # The pixel beside is taken: a quarter of a pixel, of surfaces seen slantwise, is up to some percent.
+    assert np.mean(np.abs(whole.range[both] / ours.range[both] - 1) < 0.02) > 0.95
+    # Slabs end at planes, up to 1 / cos(17 degrees) from the sphere that was asked for; neighbours meet there.
+    near, far = (theirs.render(eye, panorama, *ends) for ends in ((0.0, 2.0), (2.0, np.inf)))
+    assert near.range[near.opacity].max() < 2.0 * 1.06 and far.range[far.opacity].min() > 1.99
+    covered = near.opacity | far.opacity
+    assert np.mean(covered == whole.opacity) > 0.999
+
+
+@pytest.mark.parametrize("kind", ["cylinder", "equirect"])
+def test_pov_ray_sees_what_the_built_in_renderer_sees(house, eye, kind):
+    if shutil.which("povray") is None:
+        pytest.skip("needs povray")
+    theirs, ours = (r.render(eye, Projection(kind, (256, 64)), 1.5, 4.0) for r in (PovRay(house), BuiltIn(house)))
+    assert np.mean(theirs.opacity == ours.opacity) > 0.99
+    both = theirs.opacity & ours.opacity
+    # 16 bits of the logarithm, and pixels that show an edge.
+    assert np.mean(np.abs(theirs.range[both] / ours.range[both] - 1) < 1e-3) > 0.98
+    off = np.abs(theirs.color[both].astype(int) - ours.color[both])
+    assert np.mean(off.max(axis=1) <= 3) > 0.97
+
+
+def test_a_finished_panorama_becomes_a_walk(data, tmp_path):
+    folder = data / "pano_bedroom"
+    pictures = [path.name for path in sorted(folder.iterdir()) if path.suffix in (".png", ".jpg")]
+    color = next(name for name in pictures if "depth" not in name)
+    for name in (color, "depth_estimated.png"):
+        shutil.copy(folder / name, tmp_path / name)
+    entry = {"eye": [0, 0, 0], "color": color, "depth": "depth_estimated.png", "unit": 0.001, "projection": "equirect"}
+    (tmp_path / "panoramas.json").write_text(json.dumps([entry]))
+    renderer = PanoramaFolder(tmp_path)
+    track = Track([(-0.1, 0, 0), (0.1, 0, 0)])
+    walk = cyc.panorama.bake(
+        renderer, track, 3, (1024, 512), "equirect", out=tmp_path / "walk", places=[0.5], progress=False
+    )
+    camera = cyc.Camera.look_at((0, 0, 0), (1, 0, -0.5), fov_y=60, width=160, height=120)
+    here, aside = cyc.panorama.view(walk, 0.5, camera), cyc.panorama.view(walk, 1.0, camera)
+    assert here.exact and not here.hole.any()
+    assert aside.hole.mean() < 0.1
+    with pytest.raises(ValueError, match="no panorama is at"):
+        renderer.render((1, 0, 0), walk.projection, 0.0, np.inf)
+    (tmp_path / "panoramas.json").write_text("[]")
+    with pytest.raises(ValueError, match="lists no panorama"):
+        PanoramaFolder(tmp_path)
+
+
+def test_a_renderer_that_lies_is_told(house, eye, tmp_path):
+    class Wrong(BuiltIn):
+        def render(self, eye, projection, near, far):
+            layer = super().render(eye, projection, near, far)
+            return Layer(layer.color, layer.opacity, layer.range * np.float32(3))
+
+    with pytest.raises(ValueError, match="the renderer gave a range of"):
+        cyc.panorama.bake(Wrong(house), [eye, eye + [0.1, 0, 0]], [2.0], (64, 32), out=tmp_path, progress=False)
+
+
+def test_a_spline_passes_its_points_and_a_ring_closes():
+    points = np.array([(0, 0, 0), (1, 0, 1), (2, 0, 0), (3, 0, 1)], float)
+    spline = Track(points, spline=True)
+    assert all(np.linalg.norm(spline.knots - point, axis=1).min() < 1e-12 for point in points)
+    assert spline.length > Track(points).length
+    ring = Track(points, closed=True)
+    np.testing.assert_allclose(ring.at(0.0), ring.at(1.0))
+    steps = np.linalg.norm(np.diff(ring.at(np.linspace(0, 1, 101)), axis=0), axis=1)
+    assert steps.max() <= ring.length / 100 * (1 + 1e-9)

@@ -408,6 +408,17 @@ class Panorama:
         step: float,
         threads: int | None = None,
     ) -> tuple[npt.NDArray[np.uint16], tuple[float, float], float]: ...
+    def kept(
+        self,
+        slabs: list[npt.NDArray[np.float32]],
+        tile: int,
+        eyes: npt.NDArray[np.float64],
+        alpha: float,
+        step: float,
+        ends: list[float] | None = None,
+        smallest: bool = False,
+        threads: int | None = None,
+    ) -> list[npt.NDArray[np.bool_]]: ...
     def view(
         self,
         references: list[tuple[_Vector, list[_Slab]]],

@@ -52,16 +52,24 @@ impl Projection {
         Ok(Self { kind, width, height, axes, turns, tilts })
     }
 
+    /// A vector of the panorama's axes (right, up, back) in the world's.
+    pub fn to_world(&self, local: DVec3) -> DVec3 {
+        self.axes * local
+    }
+
     /// Pixels that a radian takes on the horizon.
     pub fn focal(&self) -> f64 {
         self.width as f64 / TAU
     }
 
-    /// Pixels that a radian takes along a row's column direction, at most: on the horizon of a cylinder, everywhere else.
-    pub fn finest(&self) -> f64 {
+    /// Pixels that a radian takes around a unit direction, at most, whichever way.
+    #[inline]
+    pub fn density(&self, direction: DVec3) -> f64 {
+        let high = direction.dot(self.axes.y_axis);
+        let flat = (1.0 - high * high).max(1e-12);
         match self.kind {
-            Kind::Cylinder => self.focal(),
-            Kind::Equirect => self.focal().max(self.height as f64 / PI),
+            Kind::Cylinder => self.focal() / flat,
+            Kind::Equirect => (self.focal() / flat.sqrt()).max(self.height as f64 / PI),
         }
     }
 
@@ -75,6 +83,14 @@ impl Projection {
     #[inline]
     pub fn corner(&self, x: usize, y: usize) -> DVec3 {
         self.half(2 * x, 2 * y)
+    }
+
+    /// The unit direction of a place in halves of pixels from the upper left corner of the panorama: columns go round, rows
+    /// end with it.
+    #[inline]
+    pub fn half_pixel(&self, x: isize, y: isize) -> DVec3 {
+        let x = x.rem_euclid(2 * self.width as isize) as usize;
+        self.half(x, y.clamp(0, 2 * self.height as isize) as usize)
     }
 
     #[inline]

@@ -49,7 +49,7 @@ pub fn render(
         )));
     }
     scene.hierarchy();
-    let light = LIGHT.normalize();
+    let light = projection.to_world(LIGHT).normalize();
     let rows = picture.color.par_chunks_mut(width).zip(picture.range.par_chunks_mut(width));
     rows.zip(picture.ids.par_chunks_mut(width)).enumerate().try_for_each(|(y, ((color, range), ids))| {
         for x in 0..width {

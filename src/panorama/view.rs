@@ -44,6 +44,9 @@ const OPAQUE: f32 = 0.5;
 /// What a ray may miss a triangle by, in shares of it: roundings of an edge differ between its two triangles.
 const EDGE: f64 = 1e-9;
 
+/// The share of a corner's disparity that is left of it at least when a quad is made larger.
+const LEAST: f64 = 0.5;
+
 /// What is seen, where and how: a quad's half in the camera's space.
 struct Triangle<'a> {
     /// Normals of the planes through the eye and two corners. Their products with a pixel's ray weigh the corners, and add
@@ -139,7 +142,8 @@ fn check(projection: &Projection, reference: &Reference<'_>) -> Result<(), Error
     Ok(())
 }
 
-/// The halves of a quad that a camera may see.
+/// The halves of a quad that a camera may see. Quads of more than a pixel are drawn half a pixel larger on all sides, with
+/// disparities and textures that go on as they do inside: that closes the gaps where they meet smaller ones.
 fn triangles<'a>(
     projection: &Projection,
     eye: DVec3,
@@ -147,17 +151,25 @@ fn triangles<'a>(
     quad: &Quad,
     camera: &Camera,
 ) -> impl Iterator<Item = Triangle<'a>> {
-    let [x, y, side] = [quad[0], quad[1], quad[2]].map(usize::from);
-    let places = [(x, y), (x + side, y), (x, y + side), (x + side, y + side)];
-    let step = f64::from((slab.limits[1] - slab.limits[0]) / STEPS);
-    let corners: [DVec3; 4] = std::array::from_fn(|i| {
-        let disparity = f64::from(slab.limits[0]) + step * f64::from(quad[3 + i]);
-        let direction = projection.corner(places[i].0, places[i].1);
-        camera.rotation * (eye + direction / disparity.max(f64::MIN_POSITIVE.sqrt())) + camera.translation
-    });
-    let texture = places.map(|(x, y)| [x as f64, y as f64]);
-    let halves = [[0, 2, 1], [1, 2, 3]];
+    let [x, y, side] = [quad[0], quad[1], quad[2]].map(|value| value as isize);
     let single = side == 1;
+    // In halves of pixels.
+    let margin = if single { 0 } else { 1 };
+    let (left, right) = (2 * x - margin, 2 * (x + side) + margin);
+    let (top, bottom) = (2 * y - margin, 2 * (y + side) + margin);
+    let places = [(left, top), (right, top), (left, bottom), (right, bottom)];
+    let step = f64::from((slab.limits[1] - slab.limits[0]) / STEPS);
+    let own: [f64; 4] = std::array::from_fn(|i| f64::from(slab.limits[0]) + step * f64::from(quad[3 + i]));
+    let beyond = 0.5 * margin as f64 / side as f64;
+    let corners: [DVec3; 4] = std::array::from_fn(|i| {
+        // Bilinear: beyond a corner by as much along both sides.
+        let disparity = own[i] + beyond * (own[i] - own[i ^ 1]) + beyond * (own[i] - own[i ^ 2]);
+        let direction = projection.half_pixel(places[i].0, places[i].1);
+        camera.rotation * (eye + direction / disparity.max(LEAST * own[i]).max(f64::MIN_POSITIVE.sqrt()))
+            + camera.translation
+    });
+    let texture = places.map(|(x, y)| [0.5 * x as f64, 0.5 * y as f64]);
+    let halves = [[0, 2, 1], [1, 2, 3]];
     halves.into_iter().filter_map(move |half| {
         let [a, b, c] = half.map(|i| corners[i]);
         let bounds = bounds(&[a, b, c], camera)?;

@@ -3,6 +3,7 @@
 use super::arrays::{row_major, rows_of};
 use super::interrupt;
 use super::render::{CameraArrays, PyMesh, cameras};
+use crate::panorama::cull::{self, Method};
 use crate::panorama::projection::{Kind, Projection};
 use crate::panorama::quads::{self, Rule};
 use crate::panorama::render::{self, Picture};
@@ -112,6 +113,33 @@ impl PyPanorama {
         let count = found.quads.len();
         let values = PyArray1::from_vec(py, found.quads.into_flattened()).reshape([count, 7])?;
         Ok((values, found.limits, found.error))
+    }
+
+    /// Which tiles of each slab to keep: by the paper's way if the slabs' `ends` are given.
+    #[pyo3(signature = (slabs, tile, eyes, alpha, step, ends=None, smallest=false, threads=None))]
+    #[expect(clippy::too_many_arguments, reason = "one keyword each in Python")]
+    fn kept<'py>(
+        &self,
+        py: Python<'py>,
+        slabs: Vec<PyReadonlyArray2<'_, f32>>,
+        tile: usize,
+        eyes: PyReadonlyArray2<'_, f64>,
+        alpha: f64,
+        step: f32,
+        ends: Option<Vec<f64>>,
+        smallest: bool,
+        threads: Option<i64>,
+    ) -> PyResult<Vec<Bound<'py, PyArray1<bool>>>> {
+        let slabs = slabs.iter().map(|slab| row_major("slabs", slab)).collect::<PyResult<Vec<_>>>()?;
+        let eyes: Vec<_> = rows_of::<3, _, _>("eyes", &eyes)?.iter().map(|&eye| eye.into()).collect();
+        let method = match ends {
+            Some(ends) => Method::Paper { ends, smallest },
+            None => Method::Exact { step },
+        };
+        let found = interrupt::run(py, threads, None, |control| {
+            cull::kept(&self.0, &slabs, tile, &eyes, &method, alpha, control)
+        })?;
+        Ok(found.into_iter().map(|keep| PyArray1::from_vec(py, keep)).collect())
     }
 
     /// Draws one viewpoint, or two and an eye `between` them, to a camera's colours and disparities.

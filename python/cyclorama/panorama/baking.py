@@ -9,9 +9,8 @@ import os
 import shutil
 import tempfile
 from collections.abc import Sequence
-from itertools import pairwise
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -20,23 +19,16 @@ from ..files import whole_file
 from ..fingerprint import fingerprint
 from ..progress import Progress, reporter
 from ..scene import Scene
+from .culling import Method, check_culling, eyes_around, kept_tiles
 from .projection import Kind, Projection
-from .renderers import BuiltIn, Layer, Renderer, checked_layer
-from .slabs import checked_slabs, find_slabs
+from .renderers import BuiltIn, Renderer
+from .slicing import OVERLAP, closed_step, filled, places_of, ranges_between, reach_of, slabs_of
+from .spacing import fewer, places_by_error
 from .store import FORMAT, MANIFEST, VIEW, Slab, Store, read_manifest
 from .tiles import ACROSS, Codec, check_codec, encode, tile_numbers
 from .track import Track
 
-__all__ = ["bake", "slab_of"]
-
-Method = Literal["exact", "paper"]
-
-# Slabs are rendered beyond their ends by this share of their range.
-_OVERLAP = 0.02
-# A gap between neighbouring pixels that opens by so many pixels at most, seen from the next reference, is closed.
-_CLOSED = 1.0
-# The panoramas that slabs are found in have a pixel for so many of the others, each way.
-_COARSE = 8
+__all__ = ["bake"]
 
 
 def bake(
@@ -49,8 +41,10 @@ def bake(
     alpha: float = 1.0,
     out: str | os.PathLike[str] = "walk",
     *,
+    method: Method | None = "exact",
     spacing: float | None = None,
     places: npt.ArrayLike | None = None,
+    max_error: float | None = None,
     mesh_pixels: float = 0.25,
     codec: Codec = "png",
     background: tuple[int, int, int] = (255, 255, 255),
@@ -78,11 +72,17 @@ def bake(
         A tile is dropped if so large a share of it is hidden: 1 drops what is never seen.
     out : path
         A folder; made if it isn't there.
+    method : {"exact", "paper", None}
+        How tiles are found to be hidden: see `kept_tiles`. None keeps all that aren't empty.
     spacing : float, optional
         The largest distance between references, in the scene's units: a twentieth of the median range seen from the
         track's ends and middle by default.
     places : (R,) array_like of float, optional
-        Where references are, by shares of the track's length, instead: ascending, from 0 to 1.
+        Where references are, by shares of the track's length, instead: ascending, within 0 to 1. Before the first and
+        after the last that one alone is used.
+    max_error : float, optional
+        Or: references only where the view half-way between two would be wrong by more than so many grey levels, root
+        mean square. See `places_by_error`.
     mesh_pixels : float
         How far, in pixels, quads may move a pixel, for an eye at the next reference.
     codec : {"png", "webp"}
@@ -126,12 +126,17 @@ def bake(
     check_codec(codec)
     if not (math.isfinite(mesh_pixels) and mesh_pixels > 0):
         raise ValueError(f"mesh_pixels must be positive, got {mesh_pixels}")
-    if not 0 < alpha <= 1:
-        raise ValueError(f"alpha must be above 0 and at most 1, got {alpha}")
+    check_culling(method, alpha)
     if isinstance(renderer, BuiltIn):
         rail.check(renderer.scene, allow_outside=allow_outside)
-    where = _places(rail, renderer, panorama, spacing, places)
-    cuts = _cuts(slabs, renderer, panorama, rail.at(where))
+    if max_error is not None:
+        if spacing is not None or places is not None:
+            raise ValueError("give spacing, places or max_error, only one of them")
+        places = places_by_error(
+            renderer, rail, max_error, slabs=slabs, panorama=fewer(panorama), mesh_pixels=mesh_pixels
+        )
+    where = places_of(rail, renderer, panorama, spacing, places)
+    cuts = ranges_between(slabs, renderer, panorama, rail.at(where))
     identity = {
         "format": FORMAT,
         **panorama.to_json(),
@@ -141,8 +146,8 @@ def bake(
         "sector": ACROSS,
         "codec": codec,
         "slabs": [[near, None if math.isinf(far) else far] for near, far in cuts],
-        "overlap": _OVERLAP,
-        "culling": {"method": None, "alpha": alpha},
+        "overlap": OVERLAP,
+        "culling": {"method": method, "alpha": alpha},
         "mesh": {"pixels": mesh_pixels},
         "background": [int(channel) for channel in background],
         "made_by": _made_by(renderer),
@@ -150,17 +155,26 @@ def bake(
     }
     folder = Path(out)
     manifest = _claim(folder, json.loads(json.dumps(identity)))
-    reach = _reach(rail, where)
+    reach = reach_of(rail, where)
     missing = [index for index, entry in enumerate(manifest["references"]) if "folder" not in entry]
     with reporter(progress, len(manifest["references"]), "references") as report:
         for done, index in enumerate(missing, len(manifest["references"]) - len(missing)):
             report(done)
             entry = manifest["references"][index]
-            eye = np.array(entry["eye"])
-            made = [
-                slab_of(renderer, panorama, eye, near, far, tile, mesh_pixels, float(reach[index]))
-                for near, far in cuts
-            ]
+            made, disparities = slabs_of(
+                renderer, panorama, np.array(entry["eye"]), cuts, tile, mesh_pixels, float(reach[index])
+            )
+            kept = kept_tiles(
+                panorama,
+                disparities,
+                cuts,
+                eyes_around(rail, where, index),
+                tile=tile,
+                method=method,
+                alpha=alpha,
+                closed=closed_step(panorama, float(reach[index])),
+            )
+            made = [slab.without(keep) for slab, keep in zip(made, kept, strict=True)]
             entry.update(_write(folder, f"{index:04d}", made, tile, codec))
             manifest["complete"] = all("folder" in other for other in manifest["references"])
             _put(folder / MANIFEST, manifest)
@@ -168,109 +182,11 @@ def bake(
     return Store(folder)
 
 
-def slab_of(
-    renderer: Renderer,
-    panorama: Projection,
-    eye: npt.NDArray[np.float64],
-    near: float,
-    far: float,
-    tile: int,
-    mesh_pixels: float,
-    reach: float,
-) -> Slab:
-    """Renders a slab and finds its quads, for eyes up to `reach` away."""
-    start, end = near * (1 - _OVERLAP), far * (1 + _OVERLAP)
-    layer = checked_layer(renderer.render(eye, panorama, start, end), panorama, start, end)
-    pixels = np.zeros((*panorama.shape, 4), np.uint8)
-    pixels[layer.opacity, :3] = layer.color[layer.opacity]
-    pixels[layer.opacity, 3] = 255
-    pixel = 1.0 / (panorama.focal * max(reach, 1e-300))
-    quads, limits, error = panorama.kernel.quads(disparity_of(layer), tile, mesh_pixels * pixel, _CLOSED * pixel)
-    return Slab(pixels, quads, limits, error, _filled(layer.opacity, tile))
-
-
-def disparity_of(layer: Layer) -> npt.NDArray[np.float32]:
-    """(H, W) 1 / range, 0 where nothing is."""
-    disparity = np.zeros(layer.range.shape, np.float32)
-    np.divide(1.0, layer.range, out=disparity, where=layer.opacity)
-    return disparity
-
-
-def _filled(opacity: npt.NDArray[np.bool_], tile: int) -> npt.NDArray[np.bool_]:
-    """The tiles that have something in them."""
-    height, width = opacity.shape
-    return np.asarray(opacity.reshape(height // tile, tile, width // tile, tile).any(axis=(1, 3)))
-
-
 def _check_tile(tile: int, panorama: Projection) -> None:
     if not isinstance(tile, int) or tile < 4 or tile & (tile - 1):
         raise ValueError(f"tile must be a power of two of at least 4, got {tile!r}")
     if panorama.width % tile or panorama.height % tile:
         raise ValueError(f"size must be multiples of tile={tile}, got {panorama.width} x {panorama.height}")
-
-
-def _coarse(panorama: Projection) -> Projection:
-    return panorama.resized(max(8, panorama.width // _COARSE), max(8, panorama.height // _COARSE))
-
-
-def _seen(
-    renderer: Renderer, panorama: Projection, eyes: npt.NDArray[np.float64]
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """Ranges of all that is seen from some eyes, and solid angles."""
-    coarse = _coarse(panorama)
-    weights = np.broadcast_to(coarse.solid_angles(), coarse.shape)
-    ranges, masses = [], []
-    for eye in eyes:
-        layer = renderer.render(eye, coarse, 0.0, math.inf)
-        ranges.append(layer.range[layer.opacity].astype(np.float64))
-        masses.append(weights[layer.opacity])
-    return np.concatenate(ranges), np.concatenate(masses)
-
-
-def _places(
-    rail: Track,
-    renderer: Renderer,
-    panorama: Projection,
-    spacing: float | None,
-    places: npt.ArrayLike | None,
-) -> npt.NDArray[np.float64]:
-    if places is not None:
-        if spacing is not None:
-            raise ValueError("give spacing or places, not both")
-        where = np.asarray(places, dtype=np.float64)
-        if where.ndim != 1 or len(where) < 2 or where[0] != 0 or where[-1] != 1 or not (np.diff(where) > 0).all():
-            raise ValueError(f"places must ascend from 0 to 1, got {where.tolist()}")
-        return where
-    if spacing is None:
-        ranges, masses = _seen(renderer, panorama, rail.at([0.0, 0.5, 1.0]))
-        if not len(ranges):
-            raise ValueError("nothing is seen from the track: is it outside the scene?")
-        order = np.argsort(ranges)
-        total = np.cumsum(masses[order])
-        spacing = 0.05 * float(ranges[order][np.searchsorted(total, 0.5 * total[-1])])
-    return rail.spaced(spacing)
-
-
-def _cuts(
-    slabs: int | Sequence[float], renderer: Renderer, panorama: Projection, eyes: npt.NDArray[np.float64]
-) -> list[tuple[float, float]]:
-    if isinstance(slabs, int):
-        if slabs == 1:
-            return checked_slabs([])
-        ranges, masses = _seen(renderer, panorama, eyes)
-        return checked_slabs(find_slabs(ranges, slabs, masses))
-    return checked_slabs(slabs)
-
-
-def _reach(rail: Track, where: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """How far from each reference an eye is that uses it."""
-    eyes = rail.at(where)
-    reach = np.zeros(len(where))
-    for index, (start, end) in enumerate(pairwise(where)):
-        along = rail.between(start, end)
-        for place in (index, index + 1):
-            reach[place] = max(reach[place], float(np.linalg.norm(along - eyes[place], axis=1).max()))
-    return reach
 
 
 def _made_by(renderer: Renderer) -> dict[str, Any]:
@@ -352,7 +268,7 @@ def _write_slab(folder: Path, index: int, slab: Slab, tile: int, codec: Codec) -
     return {
         "disparity": list(slab.disparity),
         "error": slab.error,
-        "empty": int(np.count_nonzero(~_filled(slab.pixels[..., 3] > 0, tile))),
-        "culled": int(np.count_nonzero(_filled(slab.pixels[..., 3] > 0, tile) & ~slab.tiles)),
+        "empty": int(np.count_nonzero(~filled(slab.pixels[..., 3] > 0, tile))),
+        "culled": int(np.count_nonzero(filled(slab.pixels[..., 3] > 0, tile) & ~slab.tiles)),
         "sectors": sectors,
     }

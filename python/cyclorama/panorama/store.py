@@ -32,7 +32,7 @@ import math
 import os
 import threading
 from collections import OrderedDict
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -64,7 +64,7 @@ class Slab:
     Attributes
     ----------
     pixels : (H, W, 4) ndarray of uint8
-        Red, green, blue, and opacity: 0 or 255.
+        Red, green, blue, and opacity: 0 or 255. Of dropped tiles what borders on kept ones may be there.
     quads : (N, 7) ndarray of uint16
         See `cyclorama.panorama.tiles`.
     disparity : (float, float)
@@ -80,6 +80,12 @@ class Slab:
     disparity: tuple[float, float]
     error: float
     tiles: Mask
+
+    def without(self, kept: Mask) -> Slab:
+        """The same slab with only the tiles that are set in (H / tile, W / tile) `kept`."""
+        tile = self.pixels.shape[0] // kept.shape[0]
+        stays = kept[self.quads[:, 1] // tile, self.quads[:, 0] // tile]
+        return replace(self, quads=np.ascontiguousarray(self.quads[stays]), tiles=self.tiles & kept)
 
 
 @dataclass(frozen=True)
@@ -356,7 +362,8 @@ class Store:
         Returns
         -------
         (int, int, float)
-            The share is 0 at the first and below 1; at the last reference both are the last one.
+            The share is 0 at the first and below 1; from the last reference on, and before the first, both are the
+            same one.
 
         Raises
         ------
@@ -366,8 +373,9 @@ class Store:
         if not 0 <= t <= 1:
             raise ValueError(f"t must be from 0 to 1, got {t}")
         places = np.array([entry.t for entry in self.references])
-        first = int(np.clip(np.searchsorted(places, t, side="right") - 1, 0, len(places) - 1))
-        if first == len(places) - 1:
+        first = int(np.searchsorted(places, t, side="right")) - 1
+        if first in (-1, len(places) - 1):
+            first = max(first, 0)
             return first, first, 0.0
         return first, first + 1, float((t - places[first]) / (places[first + 1] - places[first]))
 

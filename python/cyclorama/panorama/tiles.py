@@ -23,6 +23,7 @@ __all__ = ["ACROSS", "Codec", "check_codec", "decode", "encode", "tile_numbers"]
 
 Pixels = npt.NDArray[np.uint8]
 Quads = npt.NDArray[np.uint16]
+Indices = npt.NDArray[np.int64]
 
 Codec = Literal["png", "webp"]
 
@@ -47,7 +48,7 @@ def check_codec(codec: str) -> None:
         raise ValueError("codec='webp' needs a Pillow that was built with WebP: codec='png' always works")
 
 
-def tile_numbers(shape: tuple[int, int], tile: int, sector: int) -> npt.NDArray[np.int64]:
+def tile_numbers(shape: tuple[int, int], tile: int, sector: int) -> Indices:
     """The numbers of a sector's tiles, ascending; tiles are numbered by rows of the panorama of (H, W) pixels.
 
     Examples
@@ -60,7 +61,7 @@ def tile_numbers(shape: tuple[int, int], tile: int, sector: int) -> npt.NDArray[
     return (np.arange(shape[0] // tile)[:, None] * across + columns).ravel()
 
 
-def encode(pixels: Pixels, quads: Quads, tiles: npt.NDArray[np.int64], tile: int, codec: Codec) -> tuple[bytes, bytes]:
+def encode(pixels: Pixels, quads: Quads, tiles: Indices, tile: int, codec: Codec) -> tuple[bytes, bytes]:
     """The files of some tiles: picture and quads.
 
     Parameters
@@ -78,16 +79,11 @@ def encode(pixels: Pixels, quads: Quads, tiles: npt.NDArray[np.int64], tile: int
     from PIL import Image
 
     cell = tile + 2
-    rows = -(-len(tiles) // ACROSS)
-    atlas = np.zeros((rows * cell, ACROSS * cell, 4), np.uint8)
-    across = pixels.shape[1] // tile
-    beside = np.arange(-1, tile + 1)
+    atlas = np.zeros((-(-len(tiles) // ACROSS) * cell, ACROSS * cell, 4), np.uint8)
     for index, number in enumerate(tiles):
-        y, x = number // across * tile + beside, number % across * tile + beside
-        block = pixels[np.clip(y, 0, len(pixels) - 1)[:, None], x % pixels.shape[1]]
+        rows, columns, _ = _cell(pixels.shape, int(number), tile)
         top, left = index // ACROSS * cell, index % ACROSS * cell
-        atlas[top : top + cell, left : left + cell] = block
-    atlas[atlas[..., 3] == 0] = 0
+        atlas[top : top + cell, left : left + cell] = pixels[rows, columns]
     picture = io.BytesIO()
     image = Image.fromarray(atlas)
     if codec == "png":
@@ -98,7 +94,15 @@ def encode(pixels: Pixels, quads: Quads, tiles: npt.NDArray[np.int64], tile: int
     return picture.getvalue(), packed
 
 
-def decode(picture: bytes, packed: bytes, tiles: npt.NDArray[np.int64], tile: int, pixels: Pixels, what: str) -> Quads:
+def _cell(shape: tuple[int, ...], number: int, tile: int) -> tuple[Indices, Indices, npt.NDArray[np.bool_]]:
+    """Rows and columns of a tile's cell, as an index of a slab, and which rows of the cell are in the panorama."""
+    beside = np.arange(-1, tile + 1)
+    across = shape[1] // tile
+    rows, columns = number // across * tile + beside, (number % across * tile + beside) % shape[1]
+    return np.clip(rows, 0, shape[0] - 1)[:, None], columns, (rows >= 0) & (rows < shape[0])
+
+
+def decode(picture: bytes, packed: bytes, tiles: Indices, tile: int, pixels: Pixels, what: str) -> Quads:
     """Puts the tiles of a picture into a slab's pixels, and gives their quads.
 
     Raises
@@ -117,9 +121,9 @@ def decode(picture: bytes, packed: bytes, tiles: npt.NDArray[np.int64], tile: in
         raise ValueError(f"{what} is not whole: {error}") from error
     if atlas.shape != (-(-len(tiles) // ACROSS) * cell, ACROSS * cell, 4) or len(values) % 7:
         raise ValueError(f"{what} is of another size than its list of tiles says: {atlas.shape}, {len(values)} numbers")
-    across = pixels.shape[1] // tile
     for index, number in enumerate(tiles):
-        y, x = number // across * tile, number % across * tile
-        top, left = index // ACROSS * cell + 1, index % ACROSS * cell + 1
-        pixels[y : y + tile, x : x + tile] = atlas[top : top + tile, left : left + tile]
+        rows, columns, inside = _cell(pixels.shape, int(number), tile)
+        top, left = index // ACROSS * cell, index % ACROSS * cell
+        # With its border: what kept tiles mix their own borders with.
+        pixels[rows[inside], columns] = atlas[top : top + cell, left : left + cell][inside]
     return values.reshape(-1, 7)

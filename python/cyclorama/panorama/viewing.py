@@ -84,12 +84,12 @@ def view(store: Store | str | os.PathLike[str], t: float, camera: Camera, *, thr
     first, second, between = walk.beside(t)
     walk.expect(t)
     here = moved(camera, walk.track.at(t))
-    if between == 0.0:
+    if t == walk.references[first].t:
         color, known = resample(walk.panorama(first), walk.projection, here)
         color[~known] = walk.background
         nothing = np.full(known.shape, np.nan, np.float32)
         return Seen(color, _beyond(walk.projection, here), nothing, exact=True)
-    references = [walk.reference(first), walk.reference(second)]
+    references = [walk.reference(index) for index in dict.fromkeys((first, second))]
     return seen_between(references, between, walk.projection, here, walk.background, threads)
 
 

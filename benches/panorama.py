@@ -1,0 +1,162 @@
+"""Walkthroughs on a rail beside the 2003 paper's tables.
+
+Tiles and bytes that culling keeps, what it loses, and how good views between references are over spacing and slabs.
+
+    python benches/panorama.py [--quick] [--views 500]
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+import cyclorama as cyc
+from cyclorama.panorama import BuiltIn, Survey, Track
+
+DATA = Path(__file__).parents[1].parent / "shared" / "data"
+
+# The paper's reduction rates, percent of tiles of slabs 2 and 3 by alpha.
+PAPER = {
+    "dense": {1.0: (77.4, 72.2), 0.9: (80.7, 77.3), 0.8: (81.9, 79.8)},
+    "open": {1.0: (2.5, 0.0), 0.9: (6.4, 1.2), 0.8: (10.0, 2.9)},
+}
+
+
+def dense():
+    """The castle level, or a house where it isn't there; along a straight hall."""
+    path = DATA / "q3_20kdm2.ply"
+    if path.exists():
+        scene = cyc.load(path)
+        eye = np.array([1056.0, 1344.0, 112.0])
+        return scene, Track([eye, eye + [120.0, 0.0, 0.0]]), (0, 0, 1)
+    house = cyc.scenes.house(rooms=8)
+    eye = (house.cells[0]["min"] + house.cells[0]["max"]) / 2
+    return house, Track([eye, eye + [0.8, 0, 0]]), (0, 1, 0)
+
+
+def meadow(seed=0):
+    """Trees and stones far apart on a plain: nearly all that there is, is seen."""
+    rng = np.random.default_rng(seed)
+    tree = cyc.scenes.tree(2_000)
+    vertices, faces, colors, count = [], [], [], 0
+    for place in rng.uniform(-60, 60, (90, 2)):
+        if np.abs(place[1]) < 4 and place[0] < 12:
+            continue
+        size = rng.uniform(1.0, 2.0) * 2.5 / tree.radius
+        points = (tree.vertices - [tree.center[0], tree.bounds[0][1], tree.center[2]]) * size
+        vertices.append(points + [place[0], 0, place[1]])
+        faces.append(tree.faces + count)
+        colors.append(tree.colors if tree.colors is not None else np.full((len(tree.faces), 3), 120, np.uint8))
+        count += len(points)
+    ground = np.array([(-90, 0, -90), (90, 0, -90), (90, 0, 90), (-90, 0, 90)], float)
+    vertices.append(ground)
+    faces.append(np.array([(0, 2, 1), (0, 3, 2)]) + count)
+    shades = np.concatenate([c if len(c) == len(tree.faces) else c[tree.faces[:, 0]] for c in colors])
+    colors = np.concatenate([shades, np.full((2, 3), (90, 120, 60), np.uint8)])
+    return cyc.Scene(np.concatenate(vertices), np.concatenate(faces), colors)
+
+
+def spacious():
+    scene = meadow()
+    return scene, Track([(-20.0, 1.7, 0.0), (-14.0, 1.7, 0.0)]), (0, 1, 0)
+
+
+def tables(name, scene, track, up, size, views, references):
+    start = time.perf_counter()
+    places = np.linspace(0, 1, references)
+    survey = Survey(scene, track, 3, size, places=places, up=up, progress=False)
+    print(
+        f"\n{name}: {len(scene):,} faces, {references} references over {track.length:.4g}, slabs cut at",
+        ", ".join(f"{far:.4g}" for _, far in survey.cuts[:-1]),
+        f"({time.perf_counter() - start:.0f} s)",
+    )
+    print("method  alpha  slab   tiles    kept  culled    paper    bytes     kept")
+    for method in ("exact", "paper"):
+        rows = survey.table(method, (1.0, 0.9, 0.8))
+        for row in rows:
+            theirs = f"{PAPER[name][row.alpha][row.slab - 2]:5.1f} %" if row.slab > 1 else "      -"
+            print(
+                f"{method:6s}  {row.alpha:5.1f}  {row.slab:4d} {row.tiles:7d} {row.kept:7d} {row.reduction:6.1%}  "
+                f"{theirs} {row.bytes / 1e6:7.2f}M {row.kept_bytes / 1e6:7.2f}M"
+            )
+        strict = rows[: len(survey.cuts)]
+        raw = sum(row.all for row in strict) * survey.tile**2 * 4
+        kept_raw, stored = sum(row.kept_raw for row in strict), sum(row.kept_bytes for row in strict)
+        before = sum(row.bytes for row in strict)
+        print(
+            f"{method}: every tile {raw / 1e6:.1f} MB, kept uncompressed {kept_raw / 1e6:.1f} "
+            f"({raw / kept_raw:.1f} times fewer), kept as stored {stored / 1e6:.2f} ({raw / stored:.0f} times fewer); "
+            f"viewpoints in 64 MB: {64e6 * references / before:.0f} unculled, {64e6 * references / stored:.0f} culled"
+        )
+        for alpha in (1.0, 0.9, 0.8):
+            lost = survey.losses(method, alpha, views=views, counts_tiles=method == "paper", progress=False)
+            wrong = (
+                "" if lost.tiles_wrong is None else f", {lost.tiles_wrong} of {lost.tiles_dropped} dropped tiles seen"
+            )
+            print(
+                f"{method} {alpha}: {lost.lost} of {lost.pixels:,} pixels of {views} views lost, "
+                f"in {lost.views_hit} views, worst {lost.worst:.3%}{wrong}",
+                flush=True,
+            )
+
+
+def quality(name, scene, track, up, size):
+    """PSNR and holes of views half-way between two references."""
+    print(f"\n{name}: views half-way between references; spacing in shares of the median range")
+    renderer = BuiltIn(scene, texture=partial(cyc.quality.paint, grain=scene.radius / 40))
+    panorama = cyc.panorama.Projection(size=size, up=up)
+    layer = renderer.render(track.at(0.0), panorama, 0.0, np.inf)
+    median = float(np.median(layer.range[layer.opacity]))
+    print("spacing  slabs    dB   holes   ms a view")
+    for share in (0.025, 0.05, 0.1, 0.2):
+        step = share * median
+        if step > track.length:
+            continue
+        stretch = Track(track.at([0.0, step / track.length]))
+        for slabs in (1, 2, 3, 4, 5):
+            survey = Survey(renderer, stretch, slabs, size, places=[0.0, 1.0], up=up, progress=False)
+            decibels, holes, seconds = [], [], []
+            eye = stretch.at(0.5)
+            right, _, back = panorama.axes
+            for turn in np.arange(6) * np.pi / 3:
+                ahead = np.sin(turn) * right - np.cos(turn) * back
+                camera = cyc.Camera.look_at(eye, eye + ahead, up=up, fov_y=55, width=480, height=360)
+                start = time.perf_counter()
+                seen = cyc.panorama.viewing.seen_between(survey.references, 0.5, panorama, camera, (0, 0, 0))
+                seconds.append(time.perf_counter() - start)
+                points = cyc.DepthImage.from_view(scene.render(camera)).points()
+                known = np.isfinite(points).all(axis=-1)
+                if known.any():
+                    truth = renderer.texture(points.reshape(-1, 3)).reshape(*known.shape, 3)
+                    decibels.append(cyc.quality.psnr(seen.color, truth, where=known))
+                    holes.append(seen.hole.mean())
+            print(
+                f"{share:7.3f}  {slabs:5d} {np.mean(decibels):5.1f} {np.mean(holes):7.3%} "
+                f"{np.median(seconds) * 1e3:11.0f}",
+                flush=True,
+            )
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="panoramas of 1024 x 256, few references")
+    parser.add_argument("--views", type=int, default=500)
+    parser.add_argument("--scene", choices=("dense", "open"))
+    parser.add_argument("--part", choices=("tables", "quality"))
+    given = parser.parse_args()
+    size, references = ((1024, 256), 4) if given.quick else ((4096, 1024), 10)
+    for name, make in (("dense", dense), ("open", spacious)):
+        if given.scene in (None, name):
+            scene, track, up = make()
+            if given.part in (None, "tables"):
+                tables(name, scene, track, up, size, given.views, references)
+            if given.part in (None, "quality"):
+                quality(name, scene, track, up, size)
+
+
+if __name__ == "__main__":
+    main()
