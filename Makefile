@@ -1,4 +1,4 @@
-# make demo | test | bench | lint | figures | pages: each works as the only command after a clone, given Rust and Python 3.11 or newer.
+# make demo | test | bench | lint | figures | docs | pages: each works as the only command after a clone, given Rust and Python 3.11 or newer.
 # Everything is installed into .venv from the package index that pip is configured with.
 
 VENV := .venv
@@ -12,7 +12,7 @@ DEMO_EXTRAS := mesh,viz
 
 PAGES := python/cyclorama/pages/visibility.js
 
-.PHONY: demo test bench lint figures pages clean
+.PHONY: demo test bench lint figures docs pages clean
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 
@@ -40,6 +40,10 @@ lint: $(VENV)/.test $(VENV)/.built $(VENV)/.rust
 # docs/warp-failures.md and its figures.
 figures: $(VENV)/.test $(VENV)/.built
 	$(BIN)/python tools/draw-failures
+
+# The documentation, from docs/ and the docstrings: build/site/index.html, which needs no network.
+docs: $(VENV)/.test $(VENV)/.built
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
 
 # The scripts of pages and widgets, bundled from npm's three.js. Where there is no Node.js it says so, and pages do too.
 pages: $(PAGES)
