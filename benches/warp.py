@@ -194,7 +194,7 @@ def race(size: tuple[int, int], rounds: int) -> list[dict[str, Any]]:
     ms = {row["job"]: row["time"] * 1e3 / CALLS for row in timed if "time" in row}
     speed = bench.bandwidth()["1 thread"]
     pixels = size[0] * size[1]
-    limit = (pixels * (4 + 3 + 1) / speed["read"] + pixels * (3 + 4 + 1 + 1 + 1) / speed["fill"]) / 1e6
+    limit = (pixels * (4 + 3) / speed["read"] + pixels * (3 + 4 + 1 + 1 + 1) / speed["fill"]) / 1e6
     rows = []
     for splat in SHAPES:
         for order in ("occlusion", "zbuffer") if splat != "mesh" else ("zbuffer",):

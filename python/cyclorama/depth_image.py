@@ -468,6 +468,11 @@ class DepthImage:
         return height, width
 
     @cached_property
+    def _mask(self) -> Mask | None:
+        """What is missing, if anything is: a warp then need not look."""
+        return self.missing if self.missing.any() else None
+
+    @cached_property
     def joins(self) -> Bytes:
         """(H, W) uint8: which samples are one surface with the ones beside them, as `cut` decides without arguments.
 

@@ -187,7 +187,7 @@ def forward(
         out = Warped(out.color, out.depth, out.hole, out.exact, out.source, camera)
     behind = _colors_behind(background, out)
     cameras = stack([*(image.camera for image in pictures), camera])
-    arrays: list[_Arrays] = [(image.color, image.disparity, image.missing) for image in pictures]
+    arrays: list[_Arrays] = [(image.color, image.disparity, image._mask) for image in pictures]
     results = out.color, out.depth, out.hole, out.exact, out.source
     kept = behind is out.color
     if name == "mesh":
