@@ -80,6 +80,7 @@ class Building:
         self.portals = parse_portals(portals, self.cells)
         self._size = float(np.max(np.ptp([[c.low for c in self.cells], [c.high for c in self.cells]], axis=(0, 1))))
         self._corners = np.asarray(scene.vertices, np.float64)[scene.faces]
+        self._columns = np.ascontiguousarray(self._corners.transpose(1, 2, 0))
         self.faces = self._assigned() if faces is None else list(faces)
         self._images: PortalImages | None = None
         self._doors: list[list[int]] = [[] for _ in range(len(self.cells) + 1)]
@@ -187,7 +188,7 @@ class Building:
         rooms = self.cells[0].rooms
         if rooms is not None:
             return rooms.at(eye) == FILLED and not rooms.near(eye, NEAR)
-        return abs(winding(self._corners, eye)) > 0.5
+        return abs(winding(self._columns, eye)) > 0.5
 
     def _at_portals(self, eye: Floats) -> frozenset[int]:
         slack = TOUCH * self._size

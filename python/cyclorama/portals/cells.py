@@ -52,7 +52,7 @@ class Cell:
             return False
         if self.rooms is not None:
             return self.rooms.at(point) == self.label
-        return self.triangles is None or abs(winding(self.triangles, point)) > 0.5
+        return self.triangles is None or abs(winding(self.triangles.transpose(1, 2, 0), point)) > 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,11 +72,15 @@ class Portal:
 
 
 def winding(triangles: Floats, point: Floats) -> float:
-    """How often a closed surface winds around a point: 0 outside, 1 or -1 inside (van Oosterom and Strackee, 1983)."""
-    a, b, c = (triangles - point).swapaxes(0, 1)
-    la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
-    volume = (a * np.cross(b, c)).sum(1)
-    rest = la * lb * lc + (a * b).sum(1) * lc + (b * c).sum(1) * la + (c * a).sum(1) * lb
+    """How often a closed surface winds around a point: 0 outside, 1 or -1 inside (van Oosterom and Strackee, 1983).
+
+    `triangles` has shape (3, 3, T): corner, coordinate, triangle.
+    """
+    (ax, ay, az), (bx, by, bz), (cx, cy, cz) = triangles - point[:, None]
+    a, b, c = (np.sqrt(x * x + y * y + z * z) for x, y, z in ((ax, ay, az), (bx, by, bz), (cx, cy, cz)))
+    volume = ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx)
+    rest = a * b * c + (ax * bx + ay * by + az * bz) * c + (bx * cx + by * cy + bz * cz) * a
+    rest += (cx * ax + cy * ay + cz * az) * b
     return float(np.arctan2(volume, rest).sum() / (2 * np.pi))
 
 
