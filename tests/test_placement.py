@@ -107,6 +107,9 @@ def refused(plan, message, **changes):
         plan.tangents,
         changes.get("budget", plan.budget),
         1e-13,
+        np.tile([0.0, np.inf], (len(sizes), 1)),
+        [],
+        np.zeros((0, len(sizes)), np.uint32),
     )
     boxes, served = changes.get("boxes", plan.proof.boxes), changes.get("served", plan.proof.image)
     with pytest.raises(ValueError, match=message):
@@ -295,7 +298,7 @@ def test_up_may_be_z(scene):
 def test_a_grid_s_plan_answers_as_others_do(star_shape, tmp_path):
     scene = cyc.scenes.pipes(20_000)
     plan = cyc.place_images(
-        scene, 11_000, method="paper", leaf_depth=3, lookahead=0, star_shape=star_shape, progress=False
+        scene, 13_000, method="paper", leaf_depth=3, lookahead=0, star_shape=star_shape, progress=False
     )
     assert plan.check(300, progress=False).violations == 0 or plan.gaps > 0
     if plan.gaps == 0:
@@ -316,6 +319,107 @@ def test_a_grid_s_plan_answers_as_others_do(star_shape, tmp_path):
 def test_aimed_frames_find_eyes_outside_the_paper_s_star_shapes():
     plan = placement.place_on_grid(cyc.scenes.pipes(20_000), 10_000, leaf_depth=3, lookahead=0, star_shape="paper")
     eyes, gazes = plan.aimed_frames(400)
-    far = plan._far(eyes, np.radians([plan.yaw(gaze) for gaze in gazes]))
-    random = plan._far(*(lambda e, g: (e, np.radians([plan.yaw(x) for x in g])))(*plan._random_frames(400, 0)))
+    far, random = plan.away(eyes, gazes), plan.away(*plan._random_frames(400, 0))
     assert (far > 1).sum() > 10 * (random > 1).sum() + 10
+
+
+def coarser(scene, size):
+    """A level of detail: vertices rounded to a grid, without the faces that this leaves flat."""
+    cells, vertices = np.unique(np.round(scene.vertices / size), axis=0, return_inverse=True)
+    faces = vertices.reshape(-1)[scene.faces]
+    flat = (faces == np.roll(faces, 1, axis=1)).any(axis=1)
+    return cyc.Scene(cells * size, faces[~flat])
+
+
+@pytest.fixture(scope="module")
+def leveled(scene):
+    level = coarser(scene, 0.15)
+    assert len(level) < 0.7 * len(scene)
+    return cyc.place_images(scene, BUDGET, lod=[(level, 0.9)], progress=False)
+
+
+def test_levels_of_detail_save_images_and_leave_nothing_out(plan, leveled):
+    assert len(leveled.images) < len(plan.images)
+    assert leveled.certify() == len(leveled.proof)
+    assert leveled.check(500, progress=False).is_sound
+    eyes, gazes = placement.check.random_frames(leveled, 60, 5)
+    (level, distance) = leveled.lod[0]
+    for eye, gaze in zip(eyes, gazes, strict=True):
+        frame = leveled.frame(eye, gaze)
+        assert len(frame.faces) + len(frame.levels[0]) <= BUDGET
+        for scene, drawn, is_level in (
+            (leveled.scene, frame.faces, lambda away: away < distance),
+            (level, frame.levels[0], lambda away: away >= distance),
+        ):
+            of = Levels(scene, leveled.fov_x, leveled.aspect)
+            outside, behind = brute_force(of, eye, gaze, frame.image)
+            there = np.zeros(len(scene), bool)
+            there[drawn] = True
+            away = np.linalg.norm(scene.vertices.astype(float)[scene.faces] - eye, axis=2)
+            # A face with any corner at its level's distances is there.
+            assert (there | outside | behind | ~is_level(away).any(axis=1)).all()
+
+
+class Levels:
+    """What `brute_force` asks of a plan."""
+
+    def __init__(self, scene, fov_x, aspect):
+        self.scene, self.fov_x, self.aspect = scene, fov_x, aspect
+
+
+def test_levels_of_detail_come_with_the_file(leveled, tmp_path):
+    leveled.certify(tmp_path / "proof.npz")
+    assert verify(tmp_path / "proof.npz", leveled.whole) == len(leveled.proof)
+    leveled.save(tmp_path / "plan.npz")
+    with pytest.raises(ValueError, match="levels of detail"):
+        placement.Plan.load(tmp_path / "plan.npz", leveled.scene)
+    again = placement.Plan.load(tmp_path / "plan.npz", leveled.scene, leveled.lod)
+    a, b = leveled.frame([0, 0, -0.9], [0, 0, 1]), again.frame([0, 0, -0.9], [0, 0, 1])
+    np.testing.assert_array_equal(a.levels[0], b.levels[0])
+
+
+def test_a_level_drawn_too_late_is_found(leveled):
+    # Said to be drawn from another distance than it is, the level leaves something out.
+    object.__setattr__(leveled, "lod", ((leveled.lod[0][0], 1.2),))
+    try:
+        assert not leveled.check(300, progress=False).is_sound
+    finally:
+        object.__setattr__(leveled, "lod", ((leveled.lod[0][0], 0.9),))
+
+
+def test_what_cannot_be_seen_saves_images(scene, plan, tmp_path):
+    rng = np.random.default_rng(0)
+    low, high = plan.domain
+    middle = (low + high) / 2
+    halves = [(low, [middle[0], *high[1:]]), ([middle[0], *low[1:]], high)]
+    seen = [np.flatnonzero(rng.random(len(scene)) < 0.8) for _ in halves]
+    sight = [(*half, ids) for half, ids in zip(halves, seen, strict=True)]
+    less = cyc.place_images(scene, BUDGET, visibility=sight, progress=False)
+    assert len(less.images) < len(plan.images)
+    assert less.certify(tmp_path / "proof.npz") == len(less.proof) == verify(tmp_path / "proof.npz", scene)
+    assert less.check(500, progress=False).is_sound
+    for eye, gaze in zip(*placement.check.random_frames(less, 60, 5), strict=True):
+        frame = less.frame(eye, gaze)
+        outside, behind = brute_force(less, eye, gaze, frame.image)
+        visible = np.zeros(len(scene), bool)
+        visible[seen[int(eye[0] > middle[0])]] = True
+        drawn = np.zeros(len(scene), bool)
+        drawn[frame.faces] = True
+        assert (drawn | outside | behind | ~visible).all()
+        assert not (drawn & ~visible).any()
+    less.save(tmp_path / "plan.npz")
+    assert placement.Plan.load(tmp_path / "plan.npz", scene).check(100, progress=False).is_sound
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"visibility": 0}, "visibility must be 1 to"),
+        ({"visibility": [([-1, -1, -1], [0, 1, 1], [0])], "domain": [[-1, -1, -1], [1, 1, 1]]}, "0.5 of its volume"),
+        ({"visibility": [([-1, -1, -1], [1, 1, 1], [20_000])]}, r"visibility\[0\] must have faces from 0 to 19999"),
+        ({"lod": [(cyc.scenes.sphere(80), 0.0)]}, "lod must have ascending distances"),
+    ],
+)
+def test_bad_levels_and_regions_are_named(scene, change, words):
+    with pytest.raises(ValueError, match=words):
+        cyc.place_images(scene, BUDGET, progress=False, **change)

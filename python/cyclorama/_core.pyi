@@ -305,7 +305,14 @@ def placement_paper(
 
 @final
 class Cells:
-    def __new__(cls, mesh: Mesh, leaf_depth: int) -> Cells: ...
+    def __new__(
+        cls,
+        mesh: Mesh,
+        leaf_depth: int,
+        levels: list[tuple[int, float, float]] = ...,
+        regions: list[list[list[float]]] = ...,
+        visible: npt.NDArray[np.uint64] | None = None,
+    ) -> Cells: ...
     def order(self) -> npt.NDArray[np.uint32]: ...
     def nodes(self) -> npt.NDArray[np.uint32]: ...
     def place(
@@ -340,6 +347,9 @@ class Audit:
         tangents: tuple[float, float],
         budget: int,
         slack: float,
+        spans: npt.NDArray[np.float64],
+        regions: list[list[list[float]]],
+        seen: npt.NDArray[np.uint32],
     ) -> Audit: ...
     def proof(
         self,

@@ -16,9 +16,18 @@ pub struct Group {
     pub center: DVec3,
     pub half: DVec3,
     pub faces: u32,
+    /// From which distance to which it is drawn: where any of its box is so far away.
+    pub span: [f64; 2],
 }
 
 impl Group {
+    /// Whether it may be drawn for some eye of a box.
+    fn is_level(&self, low: DVec3, high: DVec3, slack: f64) -> bool {
+        let (least, most) = (self.center - self.half, self.center + self.half);
+        let nearest = (least - high).max(low - most).max(DVec3::ZERO).length();
+        let farthest = (most - low).abs().max((high - least).abs()).length();
+        nearest < self.span[1] + slack && farthest >= self.span[0] - slack
+    }
     fn most(&self, normal: DVec3) -> f64 {
         normal.dot(self.center) + normal.abs().dot(self.half)
     }
@@ -74,6 +83,8 @@ pub struct Audit {
     pub budget: u32,
     /// Lengths below this are roundings.
     pub slack: f64,
+    /// Boxes of eyes, low and high, and how many faces of each group can be seen from there; none if all can.
+    pub regions: Vec<([DVec3; 2], Vec<u32>)>,
 }
 
 /// What is wrong with a frame, and the distance to its viewpoint.
@@ -100,7 +111,10 @@ impl Audit {
         let backdrop = image.map(|i| &self.backdrops[i]);
         let is_seen = |g: &Group| sides.iter().zip(offsets).all(|(&n, o)| g.most(n) >= o + self.slack);
         let lost = self.groups.iter().zip(drawn).any(|(group, &drawn)| {
-            !drawn && is_seen(group) && !backdrop.is_some_and(|b| b.hides(group, self.slack))
+            !drawn
+                && group.is_level(eye, eye, -self.slack)
+                && is_seen(group)
+                && !backdrop.is_some_and(|b| b.hides(group, self.slack))
         });
         let outside = |b: &Backdrop| sides.iter().any(|n| n.dot(eye - b.viewpoint) < -self.slack);
         Found {
@@ -223,11 +237,24 @@ impl Audit {
                 return Err(fails(format!("an eye lies past the plane of image {image}")));
             }
         }
+        let at = |end: usize| DVec3::new(region[0][end], region[1][end], region[2][end]);
+        let (low, high) = (at(0), at(1));
+        let holds = |[least, most]: &[DVec3; 2]| {
+            low.cmpge(*least - self.slack).all() && high.cmple(*most + self.slack).all()
+        };
+        let counts = match &self.regions[..] {
+            [] => None,
+            regions => {
+                let of = regions.iter().find(|r| holds(&r.0));
+                Some(&of.ok_or_else(|| fails("it lies in none of the regions".into()))?.1)
+            }
+        };
         let mut left = 0;
         for &g in groups {
             let group = &self.groups[g as usize];
-            if !walls.miss(group, self.slack) && !backdrop.is_some_and(|b| b.hides(group, self.slack)) {
-                left += group.faces;
+            let is_drawn = group.is_level(low, high, self.slack) && !walls.miss(group, self.slack);
+            if is_drawn && !backdrop.is_some_and(|b| b.hides(group, self.slack)) {
+                left += counts.map_or(group.faces, |c| c[g as usize]);
             }
         }
         if left > self.budget {

@@ -25,6 +25,26 @@ pub struct Node {
     pub end: u32,
     /// The next node, in the order of a walk, that is not of the subtree.
     pub next: u32,
+    /// From which distance to which the faces stand for the scene.
+    pub span: Span,
+}
+
+/// Distances from an eye at which a level of detail is drawn. A group of its faces is, where any point of the group's box
+/// may be that far away: so two levels overlap a little, and leave nothing out between them.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Span {
+    pub near: f64,
+    pub far: f64,
+}
+
+/// What has but one level of detail.
+pub const ALWAYS: Span = Span { near: 0.0, far: f64::INFINITY };
+
+/// A level of detail: the faces up to `end` that are of no level before.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Level {
+    pub end: u32,
+    pub span: Span,
 }
 
 impl Node {
@@ -51,9 +71,17 @@ type Entry = (u64, u32);
 
 const LEVEL_BITS: u32 = 4;
 
+/// Above the place and the level of a key is the level of detail.
+const DETAIL_SHIFT: u32 = 3 * MOST_LEVELS + LEVEL_BITS;
+
 impl Cells {
     /// Sorts the faces of a mesh into cells down to `leaf_depth`, at most [`MOST_LEVELS`]. O(F log F).
     pub fn new(mesh: &Mesh, leaf_depth: u32) -> Self {
+        Self::leveled(mesh, leaf_depth, &[Level { end: mesh.faces().len() as u32, span: ALWAYS }])
+    }
+
+    /// The same for the faces of several levels of detail, at least one: each has a subtree of its own.
+    pub fn leveled(mesh: &Mesh, leaf_depth: u32, levels: &[Level]) -> Self {
         let leaf_depth = leaf_depth.min(MOST_LEVELS);
         let boxes: Vec<_> =
             (0..mesh.faces().len()).into_par_iter().map(|f| Bounds::of(mesh.corners(f))).collect();
@@ -72,13 +100,30 @@ impl Cells {
                     .clamp(DVec3::ZERO, DVec3::splat(cells - 1.0));
                 let code = interleave(at.as_uvec3().to_array()) << (3 * (MOST_LEVELS - leaf_depth));
                 let below = 3 * (MOST_LEVELS - level as u32);
-                ((code >> below << below) << LEVEL_BITS | level as u64, face as u32)
+                let detail = levels.partition_point(|l| l.end <= face as u32) as u64;
+                let key = (code >> below << below) << LEVEL_BITS | level as u64;
+                (detail << DETAIL_SHIFT | key, face as u32)
             })
             .collect();
         entries.par_sort_unstable();
         let order: Vec<_> = entries.iter().map(|e| e.1).collect();
         let mut nodes = Vec::new();
-        gather(&entries, 0, 0, &boxes, &mut nodes);
+        if let [level] = levels {
+            gather(&entries, 0, 0, level.span, &boxes, &mut nodes);
+        } else {
+            let end = entries.len() as u32;
+            let (bounds, own) = (all, Bounds::EMPTY);
+            nodes.push(Node { bounds, own, first: 0, own_end: 0, end, next: 0, span: ALWAYS });
+            let mut first = 0;
+            for level in levels {
+                let some = &entries[first..level.end as usize];
+                if !some.is_empty() {
+                    gather(some, first, 0, level.span, &boxes, &mut nodes);
+                }
+                first = level.end as usize;
+            }
+            nodes[0].next = nodes.len() as u32;
+        }
         Self { nodes, order }
     }
 
@@ -94,14 +139,14 @@ impl Cells {
 }
 
 /// Appends the node of `entries`, all of one cell of `level`, and those below; `first` is the place of the first entry.
-fn gather(entries: &[Entry], first: usize, level: u32, boxes: &[Bounds], nodes: &mut Vec<Node>) {
+fn gather(entries: &[Entry], first: usize, level: u32, span: Span, boxes: &[Bounds], nodes: &mut Vec<Node>) {
     let own = entries.partition_point(|e| {
         e.0 & ((1 << LEVEL_BITS) - 1) == u64::from(level) && e.0 >> LEVEL_BITS == entries[0].0 >> LEVEL_BITS
     });
     let digit = |e: &Entry| (e.0 >> LEVEL_BITS) >> (3 * (MOST_LEVELS - level - 1)) & 7;
     let rest = &entries[own..];
     if own == 0 && digit(&rest[0]) == digit(&rest[rest.len() - 1]) {
-        return gather(entries, first, level + 1, boxes, nodes);
+        return gather(entries, first, level + 1, span, boxes, nodes);
     }
     let index = nodes.len();
     let bounds = entries[..own].iter().fold(Bounds::EMPTY, |b, e| b.union(boxes[e.1 as usize]));
@@ -113,12 +158,13 @@ fn gather(entries: &[Entry], first: usize, level: u32, boxes: &[Bounds], nodes: 
         own_end: place(own),
         end: place(entries.len()),
         next: 0,
+        span,
     });
     let mut start = own;
     while start < entries.len() {
         let child = nodes.len();
         let length = entries[start..].partition_point(|e| digit(e) == digit(&entries[start]));
-        gather(&entries[start..start + length], first + start, level + 1, boxes, nodes);
+        gather(&entries[start..start + length], first + start, level + 1, span, boxes, nodes);
         nodes[index].bounds = nodes[index].bounds.union(nodes[child].bounds);
         start += length;
     }

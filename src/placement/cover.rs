@@ -5,7 +5,7 @@
 //! between two offsets along the aim, which don't depend on the viewpoint. So for a viewpoint and an aim, the plane
 //! that serves most states is found by sorting ends of intervals, and no faces are counted in the search.
 
-use super::count::Boxes;
+use super::count::{Boxes, Region};
 use super::gaze::Gazes;
 use super::image::Image;
 use super::prove::distances;
@@ -86,12 +86,12 @@ impl Offsets {
 
     /// The greatest offset of a plane before which at most `limit` faces of these nodes are left, if all that lies
     /// behind is culled.
-    fn farthest(&self, aim: usize, seen: &[std::ops::Range<u32>], boxes: &Boxes, limit: u32) -> f64 {
+    fn farthest(&self, aim: usize, seen: &[std::ops::Range<u32>], region: &Region, limit: u32) -> f64 {
         let steps = &self.steps[aim * self.nodes..(aim + 1) * self.nodes];
         let mut histogram = [0_u32; STEPS + 1];
         for range in seen {
             for node in range.start as usize..range.end as usize {
-                histogram[steps[node] as usize] += boxes.own_count(node);
+                histogram[steps[node] as usize] += Boxes::own_count(region, node);
             }
         }
         let mut sum = 0;
@@ -120,6 +120,7 @@ impl Wanted {
                 stage.budget
             }
         };
+        let region = stage.boxes.region(middle);
         let forward = stage.compass.forward(yaw, pitch);
         let wishes = stage
             .aims
@@ -129,7 +130,7 @@ impl Wanted {
             .filter_map(|(index, &(yaw, pitch))| {
                 let along = stage.compass.forward(yaw, pitch);
                 let low = along.dot(state.eyes.farthest(along));
-                let high = offsets.farthest(index, &seen, stage.boxes, limit);
+                let high = offsets.farthest(index, &seen, region, limit);
                 (high > low).then_some(Wish { aim: index as u32, low, high })
             })
             .collect();

@@ -34,8 +34,10 @@ pub struct Placed {
 }
 
 /// How narrow boxes of the proof get, in edges, round by round: large gaps are filled before their borders are looked at.
-/// Two images that meet without overlap leave a gap as narrow as the last, and a new image there overlaps both.
-const LEVELS: [f64; 5] = [1.0 / 32.0, 1.0 / 64.0, 1.0 / 128.0, 1.0 / 256.0, 1.0 / 512.0];
+/// Two images that meet without overlap leave a gap as narrow as the last, and a new image there overlaps both. Where
+/// cells are large against the budget, all frames of a wider box see too much together though each is served.
+const LEVELS: [f64; 8] =
+    [1.0 / 32.0, 1.0 / 64.0, 1.0 / 128.0, 1.0 / 256.0, 1.0 / 512.0, 1.0 / 1024.0, 1.0 / 2048.0, 1.0 / 4096.0];
 
 /// How narrow boxes get, in edges, where another image is asked to serve what a superfluous one did.
 const PRUNED: f64 = 1.0 / 64.0;
@@ -386,8 +388,14 @@ mod tests {
         let nodes = cells.nodes().iter().filter(|n| n.own_count() > 0);
         let audit = Audit {
             groups: nodes
-                .map(|n| Group { center: n.own.center(), half: n.own.size() * 0.5, faces: n.own_count() })
+                .map(|n| Group {
+                    center: n.own.center(),
+                    half: n.own.size() * 0.5,
+                    faces: n.own_count(),
+                    span: [n.span.near, n.span.far],
+                })
                 .collect(),
+            regions: Vec::new(),
             backdrops: placed.images.iter().map(|i| Backdrop::new(i.viewpoint, i.corners())).collect(),
             axes: [compass.ahead, compass.beside, compass.up],
             tangents: [FIELD.tan_x, FIELD.tan_y],

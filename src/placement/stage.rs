@@ -48,13 +48,20 @@ impl Stage<'_> {
         self.domain.size().max_element()
     }
 
-    /// Boxes that tile the domain: eyes at most `edge` wide, `turns` yaws around, pitches as wide.
+    /// Boxes that tile the domain, or each of the regions: eyes at most `edge` wide, `turns` yaws around, pitches as wide.
     pub fn tiles(&self, edge: f64, turns: usize) -> Vec<State> {
-        let size = self.domain.size();
+        match self.boxes.regions() {
+            [] => self.tiles_of(&self.domain, edge, turns),
+            regions => regions.iter().flat_map(|r| self.tiles_of(&r.bounds, edge, turns)).collect(),
+        }
+    }
+
+    fn tiles_of(&self, part: &Bounds, edge: f64, turns: usize) -> Vec<State> {
+        let size = part.size();
         let n = (size / edge).ceil().max(DVec3::ONE).as_uvec3().to_array();
         let cut = |axis: usize, i: u32| {
             let share = f64::from(i) / f64::from(n[axis]);
-            if i == n[axis] { self.domain.high[axis] } else { self.domain.low[axis] + share * size[axis] }
+            if i == n[axis] { part.high[axis] } else { part.low[axis] + share * size[axis] }
         };
         let step = TAU / turns as f64;
         let span = self.pitch[1] - self.pitch[0];
@@ -87,13 +94,14 @@ impl Stage<'_> {
         let mut seen = Vec::new();
         self.boxes.seen(&Sweep::one(eye, yaw, pitch, &self.compass, self.field), None, &mut seen);
         let nodes = self.cells.nodes();
-        let own =
-            seen.iter().flat_map(|r| &nodes[r.start as usize..r.end as usize]).filter(|n| n.own_count() > 0);
-        let own: Vec<_> = own.collect();
+        let region = self.boxes.region(eye);
+        let own = seen.iter().flat_map(|r| r.start as usize..r.end as usize);
+        let own: Vec<_> =
+            own.map(|n| (nodes[n].own, Boxes::own_count(region, n))).filter(|n| n.1 > 0).collect();
         let left = |&(yaw, pitch): &(f64, f64)| {
             let forward = self.compass.forward(yaw, pitch);
-            let before = own.iter().filter(|n| forward.dot(n.own.farthest(-forward) - eye) <= SURE);
-            before.map(|n| n.own_count()).sum()
+            let before = own.iter().filter(|n| forward.dot(n.0.farthest(-forward) - eye) <= SURE);
+            before.map(|n| n.1).sum()
         };
         let near = self.aims.iter().filter(|aim| is_near(**aim, (yaw, pitch)));
         near.map(left).min().unwrap_or(u32::MAX)

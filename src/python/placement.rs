@@ -6,8 +6,8 @@ use super::render::PyMesh;
 use crate::bounds::Bounds;
 use crate::error::Error;
 use crate::placement::audit::{self, Audit, Backdrop, Group};
-use crate::placement::cells::Cells;
-use crate::placement::count::Boxes;
+use crate::placement::cells::{Cells, Level, Span};
+use crate::placement::count::{Boxes, Region};
 use crate::placement::frame::{Answer, Plan};
 use crate::placement::frustum::Field;
 use crate::placement::gaze::Compass;
@@ -56,12 +56,49 @@ impl PyCells {
 
 #[pymethods]
 impl PyCells {
+    /// `levels` are the ends of levels of detail among the faces, with the distances between which each is drawn;
+    /// `regions` boxes of eyes, and `visible` a bit for each face, (R, W), that can be seen from each.
     #[new]
-    fn new(py: Python<'_>, mesh: PyRef<'_, PyMesh>, leaf_depth: u32) -> PyResult<Self> {
+    #[pyo3(signature = (mesh, leaf_depth, levels=vec![], regions=vec![], visible=None))]
+    fn new(
+        py: Python<'_>,
+        mesh: PyRef<'_, PyMesh>,
+        leaf_depth: u32,
+        levels: Vec<(u32, f64, f64)>,
+        regions: Vec<[[f64; 3]; 2]>,
+        visible: Option<PyReadonlyArray2<'_, u64>>,
+    ) -> PyResult<Self> {
         let mesh = mesh.0.mesh();
         let (origin, scale) = (mesh.origin(), mesh.scale());
-        let cells = interrupt::run(py, None, None, |_| Ok(Cells::new(mesh, leaf_depth)))?;
-        let boxes = Boxes::new(&cells);
+        let level = |(end, near, far)| Level { end, span: Span { near: near * scale, far: far * scale } };
+        let levels: Vec<_> = levels.into_iter().map(level).collect();
+        let faces = mesh.faces().len();
+        if levels.last().is_some_and(|l| l.end as usize != faces) || !levels.is_sorted_by_key(|l| l.end) {
+            return Err(PyValueError::new_err("the ends of levels must ascend to the number of faces"));
+        }
+        let place = |p: [f64; 3]| (DVec3::from(p) - origin) * scale;
+        let bounds = regions.iter().map(|r| Bounds { low: place(r[0]), high: place(r[1]) });
+        let regions: Vec<_> = match &visible {
+            Some(visible) => {
+                let words = faces.div_ceil(64);
+                let bits = row_major("visible", visible)?;
+                if bits.len() != regions.len() * words {
+                    return Err(PyValueError::new_err("visible must have a row for each region"));
+                }
+                bounds.zip(bits.chunks(words)).map(|(b, w)| (b, w.to_vec())).collect()
+            }
+            None => Vec::new(),
+        };
+        let (cells, boxes) = interrupt::run(py, None, None, |_| {
+            let cells = if levels.is_empty() {
+                Cells::new(mesh, leaf_depth)
+            } else {
+                Cells::leveled(mesh, leaf_depth, &levels)
+            };
+            let boxes = Boxes::new(&cells);
+            let boxes = if regions.is_empty() { boxes } else { boxes.with_visible(&cells, regions) };
+            Ok((cells, boxes))
+        })?;
         Ok(Self { cells: Arc::new(cells), boxes: Arc::new(boxes), origin, scale })
     }
 
@@ -218,6 +255,11 @@ pub struct PyPlan {
 }
 
 impl PyPlan {
+    /// What can be seen from where an eye in the user's units is.
+    fn seen_from(&self, eye: DVec3) -> &Region {
+        self.plan.boxes.region((eye - self.origin) * self.scale)
+    }
+
     /// What an eye in the user's units draws.
     fn answer(&self, eye: DVec3, yaw: f64, pitch: f64, ranges: &mut Vec<Range<u32>>) -> Answer {
         let at = (eye - self.origin) * self.scale;
@@ -281,11 +323,19 @@ impl PyPlan {
         interrupt::brief(py, None, move |_| {
             let mut ranges = Vec::new();
             let answer = self.answer(eye.into(), yaw, pitch, &mut ranges);
+            let region = self.seen_from(eye.into());
             let mut count = 0;
             for range in ranges {
                 let faces = &self.plan.cells.order()[range.start as usize..range.end as usize];
-                out[count..count + faces.len()].copy_from_slice(faces);
-                count += faces.len();
+                if region.visible.is_empty() {
+                    out[count..count + faces.len()].copy_from_slice(faces);
+                    count += faces.len();
+                } else {
+                    for &face in faces.iter().filter(|f| region.sees(**f)) {
+                        out[count] = face;
+                        count += 1;
+                    }
+                }
             }
             let image = match answer {
                 Answer::Bare => -1,
@@ -327,8 +377,10 @@ impl PyPlan {
                 let [yaw, pitch] = angles[index];
                 let answer = self.answer(eyes[index], yaw, pitch, &mut ranges);
                 let mut count = 0;
+                let region = self.seen_from(eyes[index]);
                 for range in &ranges {
-                    count += i64::from(range.end - range.start);
+                    let faces = &self.plan.cells.order()[range.start as usize..range.end as usize];
+                    count += faces.iter().filter(|f| region.sees(**f)).count() as i64;
                     let first = starts.partition_point(|&s| s < i64::from(range.start));
                     for (group, drawn) in drawn.iter_mut().enumerate().skip(first) {
                         let end = starts[group] + i64::from(audit.groups[group].faces);
@@ -401,23 +453,32 @@ impl PyAudit {
         tangents: [f64; 2],
         budget: u32,
         slack: f64,
+        spans: PyReadonlyArray2<'_, f64>,
+        regions: Vec<[[f64; 3]; 2]>,
+        seen: PyReadonlyArray2<'_, u32>,
     ) -> PyResult<Self> {
+        let spans = rows_of::<2, _, _>("spans", &spans)?;
+        let seen = row_major("seen", &seen)?;
         let (low, high) = (rows_of::<3, _, _>("low", &low)?, rows_of::<3, _, _>("high", &high)?);
         let counts = row_major("counts", &counts)?;
         let viewpoints = rows_of::<3, _, _>("viewpoints", &viewpoints)?;
         let (corners, rest) = rows_of::<3, _, _>("corners", &corners)?.as_chunks::<4>();
         let same = low.len() == high.len() && low.len() == counts.len() && rest.is_empty();
-        if !same || corners.len() != viewpoints.len() {
+        let whole = spans.len() == low.len() && seen.len() == regions.len() * low.len();
+        if !same || !whole || corners.len() != viewpoints.len() {
             return Err(PyValueError::new_err(
                 "a box and a count for each group, four corners for each image",
             ));
         }
-        let group = |((&low, &high), &faces): ((&[f64; 3], &[f64; 3]), &u32)| {
+        let group = |(index, (&low, &high)): (usize, (&[f64; 3], &[f64; 3]))| {
             let (low, high) = (DVec3::from(low), DVec3::from(high));
-            Group { center: low.midpoint(high), half: (high - low) * 0.5, faces }
+            let (faces, span) = (counts[index], spans[index]);
+            Group { center: low.midpoint(high), half: (high - low) * 0.5, faces, span }
         };
+        let rows = seen.chunks(low.len().max(1)).map(<[u32]>::to_vec);
         Ok(Self(Audit {
-            groups: low.iter().zip(high).zip(counts).map(group).collect(),
+            groups: low.iter().zip(high).enumerate().map(group).collect(),
+            regions: regions.iter().map(|r| r.map(DVec3::from)).zip(rows).collect(),
             backdrops: viewpoints
                 .iter()
                 .zip(corners)

@@ -10,12 +10,12 @@ import numpy.typing as npt
 
 from .. import _core
 from ..progress import Progress, reporter
-from .verify import cell_boxes
+from .verify import cell_boxes, details
 
 if TYPE_CHECKING:
     from .plan import Plan
 
-__all__ = ["Check", "check", "look", "random_frames"]
+__all__ = ["Check", "audit", "check", "look", "random_frames"]
 
 Floats = npt.NDArray[np.float64]
 
@@ -139,19 +139,23 @@ def look(
 
 def audit(plan: Plan, slack: float) -> tuple[_core.Audit, npt.NDArray[np.int64]]:
     """What the second opinion knows of a plan, with the starts of the cells."""
-    order, starts = plan.cells()
-    low, high = cell_boxes(order, starts, plan.scene)
+    header, arrays = plan._certificate()
+    order, starts = arrays["order"], arrays["starts"]
+    low, high = cell_boxes(order, starts, plan.whole)
     sizes = np.diff(np.append(starts, len(order))).astype(np.uint32)
-    images = plan.images
+    spans, regions, seen = details(header, arrays)
     opinion = _core.Audit(
         low,
         high,
         sizes,
-        plan.viewpoints[images.viewpoint],
-        images.corners.reshape(-1, 3),
+        arrays["viewpoints"],
+        arrays["corners"].reshape(-1, 3),
         plan.axes.tolist(),
         plan.tangents,
         plan.budget,
         slack,
+        spans,
+        regions.tolist(),
+        seen,
     )
     return opinion, starts

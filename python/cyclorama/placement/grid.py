@@ -196,6 +196,21 @@ class GridPlan:
         gazes[:, (k + 2) % 3] = np.sin(yaws) * np.sign(self.up[k])
         return gazes
 
+    def away(self, eyes: npt.ArrayLike, gazes: npt.ArrayLike) -> Floats:
+        """How far eyes are from the closest viewpoints in their reverse frusta, over the radii of those star-shapes.
+
+        Parameters
+        ----------
+        eyes, gazes : (N, 3) array_like of float
+
+        Returns
+        -------
+        (N,) ndarray of float64
+            0 where the viewpoint has no images, infinite where there is none.
+        """
+        along = np.asarray(gazes, dtype=np.float64)
+        return self._far(np.asarray(eyes, dtype=np.float64), np.radians([self.yaw(gaze) for gaze in along]))
+
     def _far(self, eyes: Floats, yaws: Floats) -> Floats:
         """(N,) distances to the closest viewpoints in the reverse frusta over the radii of their star-shapes; 0 for
         those without one, infinite where there is no viewpoint."""

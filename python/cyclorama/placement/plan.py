@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     from .drawing import Drawn
     from .grid import GridPlan
 
-__all__ = ["Frame", "Image", "Images", "Plan", "Proof", "axes"]
+__all__ = ["Frame", "Image", "Images", "Plan", "Proof", "Sight", "axes"]
 
 Floats = npt.NDArray[np.float64]
 Directions = Literal["yaw", "sphere"]
@@ -67,10 +68,13 @@ class Frame:
         The faces of all cells that the frustum may see, without those behind the image; at most the budget.
     image : Image or None
         What stands for the rest; None where all that is seen fits the budget.
+    levels : tuple of ndarray of uint32
+        The faces of each coarser level of detail, if the plan has any; with `faces` they are at most the budget.
     """
 
     faces: npt.NDArray[np.uint32]
     image: Image | None
+    levels: tuple[npt.NDArray[np.uint32], ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +100,22 @@ class Images:
 
     def __len__(self) -> int:
         return len(self.viewpoint)
+
+
+@dataclass(frozen=True, eq=False)
+class Sight:
+    """What can be seen from where.
+
+    Attributes
+    ----------
+    regions : (R, 2, 3) ndarray of float64
+        Boxes of eyes, lowest and highest coordinates, that tile the domain.
+    visible : (R, W) ndarray of uint64
+        A bit for each face, bit k of word w is face 64 w + k; those of all levels of detail one after another.
+    """
+
+    regions: Floats
+    visible: npt.NDArray[np.uint64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,6 +164,10 @@ class Plan:
         So many of the images, the last ones, are for eyes beyond the domain: all of the scene is behind each.
     grid : GridPlan or None
         The grid that the images are of, where it was asked for; files don't keep it.
+    lod : tuple of (Scene, float)
+        Coarser levels of detail, and the distances from the eye from which each takes the place of the one before.
+    sight : Sight or None
+        What can be seen from where; None where everything counts.
     """
 
     scene: Scene
@@ -161,6 +185,8 @@ class Plan:
     shell: int
     _cells: _core.Cells = field(repr=False)
     grid: GridPlan | None = field(default=None, repr=False)
+    lod: tuple[tuple[Scene, float], ...] = field(default=(), repr=False)
+    sight: Sight | None = field(default=None, repr=False)
     _painted: list[Backdrops] = field(default_factory=list, repr=False)
 
     def __repr__(self) -> str:
@@ -174,6 +200,11 @@ class Plan:
         """Of half the horizontal and half the vertical angle of view."""
         half = float(np.tan(np.radians(self.fov_x) / 2))
         return half, half / self.aspect
+
+    @cached_property
+    def whole(self) -> Scene:
+        """The scene with its coarser levels of detail behind it."""
+        return joined(self.scene, self.lod)
 
     @property
     def gaps(self) -> float:
@@ -252,9 +283,10 @@ class Plan:
         """
         at = _vector("eye", eye)
         yaw, pitch = self.angles(forward)
+        room = min(self.budget, len(self.whole))
         if out is None:
-            out = np.empty(min(self.budget, len(self.scene)), np.uint32)
-        elif out.dtype != np.uint32 or out.ndim != 1 or len(out) < min(self.budget, len(self.scene)):
+            out = np.empty(room, np.uint32)
+        elif out.dtype != np.uint32 or out.ndim != 1 or len(out) < room:
             raise ValueError(f"out must be {self.budget} uint32, got {out.shape} {out.dtype}")
         count, index = self._kernel.frame((float(at[0]), float(at[1]), float(at[2])), yaw, pitch, out)
         if index == -2:
@@ -270,7 +302,14 @@ class Plan:
                 f"eye {at.tolist()} is outside plan.domain, {low} to {high}, and not before any image of the shell: "
                 "no image is placed for it"
             )
-        return Frame(out[:count], None if index == -1 else self.image(index))
+        image = None if index == -1 else self.image(index)
+        if not self.lod:
+            return Frame(out[:count], image)
+        # Levels follow one another in the answer as they do among the faces.
+        ends = np.cumsum([len(self.scene), *(len(scene) for scene, _ in self.lod)])
+        cuts = [int((out[:count] < end).sum()) for end in ends]
+        levels = [out[a:b] - np.uint32(end) for a, b, end in zip(cuts, cuts[1:], ends, strict=False)]
+        return Frame(out[: cuts[0]], image, tuple(levels))
 
     def angles(self, forward: npt.ArrayLike) -> tuple[float, float]:
         """Yaw and pitch of a gaze, in radians.
@@ -365,7 +404,7 @@ class Plan:
         True
         """
         header, arrays = self._certificate()
-        slack = ROUNDING * float(np.abs(self.scene.bounds).max() + np.abs(self.domain).max())
+        slack = ROUNDING * float(np.abs(self.whole.bounds).max() + np.abs(self.domain).max())
         opinion, _ = audit(self, slack)
         with reporter(progress, len(self.proof), "checking the proof") as report:
             domain, pitch = self.domain.tolist(), tuple(header["pitch"])
@@ -378,12 +417,13 @@ class Plan:
         """Header and arrays of the file that `verify` reads."""
         order, starts = self.cells()
         header: dict[str, Any] = {
-            "scene": fingerprint(self.scene),
+            "scene": fingerprint(self.whole),
             "budget": self.budget,
             "tangents": self.tangents,
             "axes": self.axes.tolist(),
             "domain": self.domain.tolist(),
             "pitch": [-np.pi / 2, np.pi / 2] if self.directions == "sphere" else [0.0, 0.0],
+            "levels": levels_of(self.scene, self.lod),
         }
         arrays: dict[str, npt.NDArray[Any]] = {
             "order": order,
@@ -393,6 +433,8 @@ class Plan:
             "viewpoints": self.viewpoints[self.images.viewpoint],
             "corners": self.images.corners,
         }
+        if self.sight is not None:
+            arrays |= {"regions": self.sight.regions, "visible": self.sight.visible}
         return header, arrays
 
     def culled(self, index: int) -> npt.NDArray[np.uint32]:
@@ -510,6 +552,7 @@ class Plan:
         True
         """
         header = {"scene": fingerprint(self.scene)} | {name: getattr(self, name) for name in _SAVED}
+        header["lod"] = [(fingerprint(scene), distance) for scene, distance in self.lod]
         arrays: dict[str, npt.NDArray[Any]] = {
             "up": self.up,
             "domain": self.domain,
@@ -518,11 +561,20 @@ class Plan:
             "boxes": self.proof.boxes,
             "served": self.proof.image,
         }
+        if self.sight is not None:
+            arrays |= {"regions": self.sight.regions, "visible": self.sight.visible}
         write_archive(path, _FORMAT, header, arrays)
 
     @classmethod
-    def load(cls, path: str | os.PathLike[str], scene: Scene) -> Plan:
+    def load(cls, path: str | os.PathLike[str], scene: Scene, lod: Sequence[tuple[Scene, float]] = ()) -> Plan:
         """The plan that `save` wrote.
+
+        Parameters
+        ----------
+        path : path
+        scene : Scene
+        lod : sequence of (Scene, float)
+            The levels of detail that it was made with.
 
         Raises
         ------
@@ -538,10 +590,14 @@ class Plan:
         with read_archive(path, _FORMAT, "plan") as (header, file):
             if header["scene"] != fingerprint(scene):
                 raise ValueError("it is for another scene, or the scene has changed since")
+            if header["lod"] != [[fingerprint(level), distance] for level, distance in lod]:
+                raise ValueError(f"it has {len(header['lod'])} levels of detail, and lod= are not those")
             proof = Proof(file["boxes"], file["served"])
             names = ("up", "domain", "viewpoints", "parameters")
             fields = {name: file[name] for name in names} | {name: header[name] for name in _SAVED}
-            return cls(scene=scene, proof=proof, _cells=_core.Cells(scene._mesh, header["leaf_depth"]), **fields)
+            sight = Sight(file["regions"], file["visible"]) if "regions" in file.files else None
+            cells = cells_of(scene, header["leaf_depth"], lod, sight)
+            return cls(scene=scene, proof=proof, _cells=cells, lod=tuple(lod), sight=sight, **fields)
 
     def image(self, index: int) -> Image:
         """One of the images.
@@ -556,6 +612,33 @@ class Plan:
         images = self.images
         viewpoint = self.viewpoints[images.viewpoint[index]]
         return Image(int(index), viewpoint, images.corners[index], images.forward[index])
+
+
+def joined(scene: Scene, lod: Sequence[tuple[Scene, float]]) -> Scene:
+    """A scene and its coarser levels of detail as one."""
+    if not lod:
+        return scene
+    scenes = [scene, *(level for level, _ in lod)]
+    starts = np.cumsum([0, *(len(s.vertices) for s in scenes[:-1])])
+    faces = [s.faces.astype(np.int64) + start for s, start in zip(scenes, starts, strict=True)]
+    return Scene(np.concatenate([s.vertices.astype(np.float64) for s in scenes]), np.concatenate(faces))
+
+
+def levels_of(scene: Scene, lod: Sequence[tuple[Scene, float]]) -> list[tuple[int, float, float]]:
+    """For each level of detail the end of its faces, and the distances between which it is drawn; none for only one."""
+    if not lod:
+        return []
+    ends = np.cumsum([len(scene), *(len(level) for level, _ in lod)]).tolist()
+    distances = [0.0, *(float(distance) for _, distance in lod), np.inf]
+    return list(zip(ends, distances[:-1], distances[1:], strict=True))
+
+
+def cells_of(scene: Scene, depth: int, lod: Sequence[tuple[Scene, float]], sight: Sight | None) -> _core.Cells:
+    """The cells of a scene with its levels of detail, and what can be seen of them."""
+    mesh, levels = joined(scene, lod)._mesh, levels_of(scene, lod)
+    if sight is None:
+        return _core.Cells(mesh, depth, levels)
+    return _core.Cells(mesh, depth, levels, sight.regions.tolist(), np.ascontiguousarray(sight.visible))
 
 
 def axes(up: Floats) -> Floats:

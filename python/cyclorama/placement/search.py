@@ -10,12 +10,16 @@ import numpy.typing as npt
 
 from .. import _core
 from ..progress import Progress, reporter
+from ..region import visible_from
 from ..scene import Scene
 from .grid import GridPlan, place_on_grid
 from .optimising import WEIGHTS
-from .plan import Directions, Plan, Proof, axes
+from .plan import Directions, Plan, Proof, Sight, axes, cells_of, joined
 
 __all__ = ["place_images"]
+
+#: Lowest and highest coordinates of a box, and the faces that can be seen from it.
+Region = tuple[npt.ArrayLike, npt.ArrayLike, npt.ArrayLike]
 
 Method = Literal["cover", "paper", "windows", "annealing"]
 
@@ -58,7 +62,7 @@ _WIDER = 30.0
 _MOST_IMAGE = 150.0
 
 # A share of the budget; measured: see benches/placement.py.
-_TARGET = 0.9
+_TARGET = 0.8
 
 # Frames beyond these have no use, and their images no room.
 _LEAST_FOV, _MOST_FOV, _MOST_ASPECT = 5.0, 120.0, 10.0
@@ -97,6 +101,8 @@ def place_images(
     image_fov: float | None = None,
     reach: float = 1.2,
     shell: int = 1,
+    visibility: int | Sequence[Region] | None = None,
+    lod: Sequence[tuple[Scene, float]] = (),
     threads: int | None = None,
     progress: Progress = None,
 ) -> Plan:
@@ -111,7 +117,7 @@ def place_images(
     budget : int
         The most faces of any frame.
     optimize_to : int, optional
-        How many faces images are chosen to leave, by default 90 % of the budget. Less asks for images nearer to the
+        How many faces images are chosen to leave, by default 80 % of the budget. Less asks for images nearer to the
         eyes, and leaves the proof more room.
     fov_x, aspect : float
         Of all frames: the horizontal angle of view in degrees, and width over height.
@@ -140,6 +146,15 @@ def place_images(
     shell : int
         For eyes beyond the domain there are so many times so many images before each side of the scene, all of which
         lies behind each; 0 for none: then eyes beyond the domain are refused.
+    visibility : int or sequence of (low, high, faces), optional
+        What can be seen from where, so that only that counts and is drawn (figure 1-4): boxes that tile the domain with
+        the faces that can be seen from each, from `cyc.visible_from` or a bake; or into how many boxes the domain is
+        cut along each axis, for which `cyc.visible_from` is asked then. Those are sets from samples: what they missed
+        is not drawn. Beyond the domain everything counts.
+    lod : sequence of (Scene, float)
+        Coarser levels of detail that are ready, and the distances from the eye from which each takes the place of the
+        one before. A cell is drawn where any point of its box is between its level's distances: neighbouring levels
+        overlap a little, and none of the scene is left out.
     threads : int, optional
         All cores by default; the plan doesn't depend on it.
     progress : bool or callable, optional
@@ -164,7 +179,8 @@ def place_images(
     >>> len(frame.faces) <= 13_000, frame.image is None
     (True, False)
     """
-    faces = len(scene)
+    whole = joined(scene, lod)
+    faces = len(whole)
     if not (isinstance(budget, (int, np.integer)) and budget >= 1):
         raise ValueError(f"budget must be an integer of at least 1, got {budget!r}")
     target = max(int(_TARGET * budget), 1) if optimize_to is None else optimize_to
@@ -195,6 +211,15 @@ def place_images(
     where = scene.bounds + np.array([[-1], [1]]) * _PAD * size.max() if domain is None else np.asarray(domain, float)
     if where.shape != (2, 3) or not np.isfinite(where).all() or not (where[1] > where[0]).all():
         raise ValueError(f"domain must be lowest and highest coordinates, (2, 3), got {domain!r}")
+    distances = [0.0, *(float(distance) for _, distance in lod)]
+    if not (np.isfinite(distances).all() and (np.diff(distances) > 0).all()):
+        raise ValueError(f"lod must have ascending distances above 0, got {distances[1:]}")
+    sight = None
+    if visibility is not None:
+        if domain is None and not isinstance(visibility, (int, np.integer)):
+            boxes = np.array([[low, high] for low, high, _ in visibility], dtype=np.float64).reshape(-1, 2, 3)
+            where = np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
+        sight = _sight(scene, where, visibility, faces, threads)
     edge = float((where[1] - where[0]).max())
     tan_x = float(np.tan(np.radians(fov_x) / 2))
     wide = min(fov_x + _WIDER, _MOST_IMAGE) if image_fov is None else image_fov
@@ -245,10 +270,12 @@ def place_images(
         boxes, served = cells.prove(options, places, rest, threads, None)
     else:
         found = None
-        cells, depth, ((places, rest), (boxes, served)) = _cover(scene, options, leaf_depth, threads, progress)
+        cells, depth, ((places, rest), (boxes, served)) = _cover(
+            scene, lod, sight, options, leaf_depth, threads, progress
+        )
     # The hull of the boxes: what was asked for, as it is after it went to the mesh's own units and back.
     inside = np.stack([boxes[:, :3].min(axis=0), boxes[:, 3:6].max(axis=0)])
-    around, outer = _shell(scene, inside, axis, (tan_x, tan_x / aspect), int(shell) if budget < faces else 0)
+    around, outer = _shell(whole, inside, axis, (tan_x, tan_x / aspect), int(shell) if budget < faces else 0)
     places, rest = np.vstack([places, around]), np.vstack([rest, outer])
     viewpoints, rows = np.unique(places, axis=0, return_inverse=True)
     return Plan(
@@ -266,19 +293,27 @@ def place_images(
         proof=Proof(boxes, served),
         shell=len(around),
         grid=found,
+        lod=tuple(lod),
+        sight=sight,
         _cells=cells,
     )
 
 
 def _cover(
-    scene: Scene, options: dict[str, Any], leaf_depth: int, threads: int | None, progress: Progress
+    scene: Scene,
+    lod: Sequence[tuple[Scene, float]],
+    sight: Sight | None,
+    options: dict[str, Any],
+    leaf_depth: int,
+    threads: int | None,
+    progress: Progress,
 ) -> tuple[_core.Cells, int, Placed]:
     """Images and their proof, with the cells that they are of and the level of those."""
     deepest = max(leaf_depth, min(leaf_depth + _DEEPER, _MOST_LEVELS))
     report: Callable[[int], object]
     with reporter(progress, 100, "placing images") as report:
         for depth in range(leaf_depth, deepest + 1):
-            cells = _core.Cells(scene._mesh, depth)
+            cells = cells_of(scene, depth, lod, sight)
             placed, small = cells.place(options, threads, report)
             if placed is not None:
                 return cells, depth, placed
@@ -299,6 +334,59 @@ def _of_grid(found: GridPlan, up: npt.NDArray[np.float64]) -> tuple[npt.NDArray[
     x, y = np.einsum("ikj,ij->ik", rays, right), rays @ upright
     ends = np.column_stack([x.min(axis=1), x.max(axis=1), y.min(axis=1), y.max(axis=1)]) / distance[:, None]
     return places, np.column_stack([yaw, np.zeros(len(yaw)), distance, ends])
+
+
+# How a region is looked at: pixels along each side of the six images of an eye, and the most eyes.
+_SIGHT: dict[str, Any] = {"resolution": 192, "max_eyes": 32, "patience": 8}
+
+# Regions along each axis: more than the proof starts from would only cost memory.
+_MOST_REGIONS = 16
+
+
+def _sight(
+    scene: Scene,
+    domain: npt.NDArray[np.float64],
+    visibility: int | Sequence[Region],
+    faces: int,
+    threads: int | None,
+) -> Sight:
+    """What can be seen from where, checked; coarser levels of detail can be seen from anywhere."""
+    low, high = domain
+    found: list[Region]
+    if isinstance(visibility, (int, np.integer)):
+        if not 1 <= visibility <= _MOST_REGIONS:
+            raise ValueError(f"visibility must be 1 to {_MOST_REGIONS} boxes along each axis, got {visibility}")
+        cuts = np.linspace(low, high, int(visibility) + 1)
+        cuts[-1] = high
+        found = []
+        for place in np.ndindex((int(visibility),) * 3):
+            near, far = (np.array([cuts[i + k][axis] for axis, i in enumerate(place)]) for k in (0, 1))
+            seen = visible_from(scene, near, far, **_SIGHT, threads=threads, progress=False)
+            found.append((near, far, seen.faces))
+    else:
+        found = list(visibility)
+    regions = np.array([[at, to] for at, to, _ in found], dtype=np.float64).reshape(-1, 2, 3)
+    sizes = (regions[:, 1] - regions[:, 0]).prod(axis=1)
+    inside = (regions[:, 0] >= low - 1e-9 * (high - low)).all() and (regions[:, 1] <= high + 1e-9 * (high - low)).all()
+    if len(found) == 0 or not inside or abs(sizes.sum() / (high - low).prod() - 1) > 1e-6 or (sizes <= 0).any():
+        raise ValueError(
+            f"visibility must be boxes that tile the domain, {domain.tolist()}: these have "
+            f"{sizes.sum() / (high - low).prod():.4g} of its volume"
+        )
+    # Inside and of the right volume, they leave something out only if two overlap.
+    for a, b in enumerate(regions):
+        overlap = np.minimum(b[1], regions[a + 1 :, 1]) - np.maximum(b[0], regions[a + 1 :, 0])
+        bad = (overlap > 1e-9 * (high - low)).all(axis=1)
+        if bad.any():
+            raise ValueError(f"visibility must be boxes that tile the domain: {a} and {a + 1 + bad.argmax()} overlap")
+    bits = np.zeros((len(found), -(-faces // 64) * 64), bool)
+    bits[:, len(scene) : faces] = True
+    for row, of in enumerate(found):
+        ids = np.asarray(of[2])
+        if ids.size and not (np.issubdtype(ids.dtype, np.integer) and 0 <= ids.min() and ids.max() < len(scene)):
+            raise ValueError(f"visibility[{row}] must have faces from 0 to {len(scene) - 1}")
+        bits[row, ids.astype(np.int64)] = True
+    return Sight(regions, np.packbits(bits, axis=1, bitorder="little").view("<u8").astype(np.uint64))
 
 
 def _too_small(budget: int, depth: int, needed: int, eye: list[float], yaw: float, pitch: float, images: int) -> str:

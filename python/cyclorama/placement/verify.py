@@ -36,6 +36,7 @@ def verify(certificate: str | os.PathLike[str], scene: Scene) -> int:
     ----------
     certificate : path
     scene : Scene
+        `Plan.whole`: with its levels of detail, where it has any. What can be seen from where is believed.
 
     Raises
     ------
@@ -67,6 +68,26 @@ def cell_boxes(order: npt.NDArray[np.uint32], starts: npt.NDArray[np.int64], sce
     return np.minimum.reduceat(corners.min(axis=1), starts), np.maximum.reduceat(corners.max(axis=1), starts)
 
 
+def details(
+    header: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]
+) -> tuple[Floats, Floats, npt.NDArray[np.uint32]]:
+    """Of each cell, (C, 2), the distances from the eye between which it is drawn; boxes of eyes, (R, 2, 3), and how
+    many faces of each cell can be seen from there, (R, C)."""
+    order, starts = arrays["order"], arrays["starts"]
+    levels = np.array(header["levels"], dtype=np.float64).reshape(-1, 3)
+    if len(levels):
+        level = np.searchsorted(levels[:, 0], order[starts], side="right")
+        spans = np.ascontiguousarray(levels[level, 1:])
+    else:
+        spans = np.tile([0.0, np.inf], (len(starts), 1))
+    regions = arrays.get("regions", np.zeros((0, 2, 3)))
+    seen = np.zeros((len(regions), len(starts)), np.uint32)
+    for row, words in zip(seen, arrays.get("visible", np.zeros((0, 0), np.uint64)), strict=True):
+        bits = np.unpackbits(words.astype("<u8").view(np.uint8), bitorder="little")[: len(order)]
+        row[:] = np.add.reduceat(bits[order].astype(np.uint32), starts)
+    return spans, regions, seen
+
+
 def check_proof(header: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]], scene: Scene) -> int:
     """Checks the parts of a certificate; see `verify`."""
     low, high = cell_boxes(arrays["order"], arrays["starts"], scene)
@@ -88,6 +109,7 @@ def check_proof(header: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]
     planes = [_image_planes(v, c) for v, c in zip(viewpoints, corners, strict=True)]
     culled = np.array([_behind(low, high, p, slack) for p in planes]).reshape(len(planes), len(low))
     centers = np.hstack([(low + high) / 2, (high - low) / 2])
+    spans, regions, seen = details(header, arrays)
     for index, (box, image) in enumerate(zip(boxes, served, strict=True)):
         eyes = box[:3], box[3:6]
         normals = _normals(box[6:8], box[8:10], axes, header["tangents"])
@@ -96,7 +118,10 @@ def check_proof(header: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]
         least = (flat * nearest).sum(axis=1)
         reach = centers @ np.hstack([flat, np.abs(flat)]).T
         outside = (reach < least - slack).reshape(len(low), 4, -1).all(axis=2).any(axis=1)
-        left = ~outside
+        nearest_at = np.maximum(np.maximum(low - eyes[1], eyes[0] - high), 0)
+        farthest_at = np.maximum(np.abs(high - eyes[0]), np.abs(eyes[1] - low))
+        left = ~outside & (np.linalg.norm(nearest_at, axis=1) < spans[:, 1] + slack)
+        left &= np.linalg.norm(farthest_at, axis=1) >= spans[:, 0] - slack
         if image >= 0:
             if (flat @ viewpoints[image] > least + slack).any():
                 raise ValueError(f"box {index}: viewpoint {image} is not in the reverse frustum of all its eyes")
@@ -104,7 +129,13 @@ def check_proof(header: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]
             if np.where(normal > 0, eyes[1], eyes[0]) @ normal >= offset:
                 raise ValueError(f"box {index}: an eye lies past the plane of image {image}")
             left &= ~culled[image]
-        count = int(faces[left].sum())
+        counts = faces
+        if len(regions):
+            within = (regions[:, 0] <= eyes[0] + slack).all(axis=1) & (regions[:, 1] >= eyes[1] - slack).all(axis=1)
+            if not within.any():
+                raise ValueError(f"box {index}: it lies in none of the regions")
+            counts = seen[int(np.argmax(within))]
+        count = int(counts[left].sum())
         if count > header["budget"]:
             raise ValueError(f"box {index}: {count} faces are left by image {image}, the budget is {header['budget']}")
     return len(boxes)
