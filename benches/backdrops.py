@@ -1,19 +1,25 @@
 """Walks with backdrops: every display beside the true pictures, what a frame costs, and what could be stored once.
 
-    python benches/backdrops.py [--quick] [--budget 0.2] [--construction 16]
+    python benches/backdrops.py [--quick] [--budget 0.2] [--faces 1000000] [--frames 200] [--folder DIR] [--scenes ...]
 
-A plan is placed and painted, then a seeded path of 200 frames at 510 x 480 is drawn in all displays of the 1998
-dissertation's section 1.4.1 and compared with the whole scene drawn from the same eyes, everything painted with a solid
-texture: flat faces would hide errors. `holes` are shares of the pixels that truly show what the image stands for;
-`lost` those of them that show something else than the backdrop. Popping, jump and step are in grey levels of 255.
+A plan is placed, then a seeded path at 510 x 480 is drawn in the displays of the 1998 dissertation's section 1.4.1 and
+compared with the whole scene drawn from the same eyes, everything painted with a solid texture: flat faces would hide
+errors. Images are painted when they are first needed and stay in the folder, if one is given: run again, nothing is
+painted twice.
 
-Then: how much of an image's samples another one of the same viewpoint has as well.
+`pixels` is the share of the pixels behind the image that are taken from it: the rest of the budget draws what is
+nearest. PSNR, `holes` and `lost` (something deeper is shown) are over those. `behind` is the PSNR over all pixels that
+truly show what the image stands for. Popping, jump and step are in grey levels of 255. *half a pixel* is what the truth
+itself loses when it is drawn half a pixel beside: no picture that is sampled anew can be much better.
+
+Then: how much of an image's samples the one taken nearest to it has as well.
 """
 
 from __future__ import annotations
 
 import tempfile
 import time
+from pathlib import Path
 
 import numpy as np
 
@@ -21,8 +27,9 @@ import bench
 import cyclorama as cyc
 from cyclorama import quality
 from cyclorama.lab import Row
-from cyclorama.placement import walking
+from cyclorama.placement import Plan, walking
 from cyclorama.placement.backdrops import Backdrops
+from cyclorama.placement.painting import frame_camera
 from cyclorama.render import View
 
 SIZE = (510, 480)
@@ -41,38 +48,81 @@ class Texture:
 
 
 def main() -> None:
-    options = bench.options(__doc__, budget=0.2, construction=16, faces=1_000_000)
-    frames = 20 if options.quick else 200
+    options = bench.options(
+        __doc__, budget=0.2, construction=16, faces=1_000_000, frames=200, folder="", scenes=["pipes", "sibenik"]
+    )
+    frames = 20 if options.quick else options.frames
     sibenik = bench.scene(options.meshes, "sibenik")
     # The nave and its aisles at a walker's height: what an eye of this scene is for.
     nave = np.array([[-14.0, 0.5, -6.0], [14.0, 9.0, 6.0]])
     pipes = cyc.scenes.pipes(100_000 if options.quick else options.faces)
     settings = {"pipes": (pipes, pipes.bounds, 0.01 * pipes.radius), "sibenik": (sibenik, nave, 0.3)}
-    for name, (scene, box, grain) in settings.items():
-        budget = int(options.budget * len(scene))
-        start = time.perf_counter()
-        plan = cyc.place_images(scene, budget=budget, progress=False)
-        placed = time.perf_counter() - start
-        low, high = np.maximum(plan.domain[0], box[0]), np.minimum(plan.domain[1], box[1])
-        with tempfile.TemporaryDirectory() as folder:
-            # Images of the walk are painted when it needs them: all of them are as the first ones.
-            backdrops = Backdrops(plan, scene, folder, construction=options.construction, color=Texture(grain))
+    with tempfile.TemporaryDirectory() as temporary:
+        for name in options.scenes:
+            scene, box, grain = settings[name]
+            folder = Path(options.folder or temporary) / f"{name}-{len(scene)}-{options.budget:g}"
+            folder.mkdir(parents=True, exist_ok=True)
+            plan, placed = planned(scene, int(options.budget * len(scene)), folder / "plan.npz")
+            region = np.clip(box, *plan.domain)
+            backdrops = Backdrops(
+                plan,
+                scene,
+                folder,
+                region=region,
+                construction=options.construction,
+                color=Texture(grain),
+            )
+            low, high = region
             eyes, _ = walking.path(low, high, frames, seed=1)
             # Toward the middle of the box: an eye that looks outward needs no image.
             gazes = ((low + high) / 2 - eyes) * (1, 0, 1)
-            needed = {image.index for image in (plan.frame(*at).image for at in zip(eyes, gazes, strict=True)) if image}
             start = time.perf_counter()
-            layered = [backdrops.store.get(index) for index in sorted(needed)]
-            painted = (time.perf_counter() - start) / max(1, len(layered))
+            used = used_by(backdrops, eyes, gazes)
+            painted = time.perf_counter() - start
             rows = walking.walk(backdrops, eyes, gazes, size=SIZE, progress=False)
+            samples = np.array([layered.samples for layered in used])
             title = (
-                f"{name}: {len(scene):,} faces, budget {budget:,}, {len(plan.images)} images placed in {placed:.1f} s; "
-                f"{len(needed)} of them used, {painted:.2f} s to paint one, "
-                f"{np.mean([i.samples / i.offsets.size for i in layered] or [0]):.2f} samples a pixel"
+                f"{name}: {len(scene):,} faces, budget {plan.budget:,}, {len(plan.images)} images placed in "
+                f"{placed:.1f} s; {len(used)} layered images used, {painted:.0f} s to paint those that were not there, "
+                f"{np.median(samples):,.0f} samples each, {8 * samples.sum() / 2**20:.0f} MB; half a pixel "
+                f"{half_a_pixel(backdrops, eyes[::20], gazes[::20]):.1f} dB"
             )
             bench.show(title, [shown(row) for row in rows])
-            bench.show(f"{name}: samples that another image of the viewpoint has too", [overlap(backdrops, needed)])
+            bench.show(f"{name}: samples that the image taken nearest has too", [overlap(backdrops, used)])
             backdrops.close()
+
+
+def planned(scene: cyc.Scene, budget: int, path: Path) -> tuple[Plan, float]:
+    """A plan, from its file if it is there, and the seconds to place it."""
+    start = time.perf_counter()
+    if path.exists():
+        return Plan.load(path, scene), 0.0
+    plan = cyc.place_images(scene, budget=budget, progress=False)
+    plan.save(path)
+    return plan, time.perf_counter() - start
+
+
+def used_by(backdrops: Backdrops, eyes: np.ndarray, gazes: np.ndarray) -> list[cyc.LayeredDepthImage]:
+    """The layered images that the frames of a walk are drawn with."""
+    found = {}
+    for eye, gaze in zip(eyes, gazes, strict=True):
+        image = backdrops.plan.frame(eye, gaze).image
+        if image is not None:
+            layered = backdrops.image(image.index, eye, gaze)
+            found[id(layered)] = layered
+    return list(found.values())
+
+
+def half_a_pixel(backdrops: Backdrops, eyes: np.ndarray, gazes: np.ndarray) -> float:
+    """The PSNR of true pictures against those that are drawn half a pixel to the right of and below them."""
+    squares = []
+    for eye, gaze in zip(eyes, gazes, strict=True):
+        camera = frame_camera(backdrops.plan, eye, gaze, SIZE)
+        K = camera.K.copy()
+        K[:2, 2] += 0.5
+        one, two = (backdrops.color(backdrops.scene.render(c)).astype(float) for c in (camera, camera.replace(K=K)))
+        squares.append(np.square(one - two).mean())
+    return float(10 * np.log10(255**2 / np.mean(squares)))
 
 
 def shown(row: Row) -> Row:
@@ -82,29 +132,31 @@ def shown(row: Row) -> Row:
         "frames": f"{row['frames']} of {row['of']}",
         "pixels": f"{row['pixels']:.2%}",
         "PSNR, dB": f"{row['psnr']:.2f}",
+        "behind, dB": f"{row['behind_psnr']:.2f}",
         "holes": f"{row['holes']:.3%}",
+        "worst": f"{row['worst_holes']:.2%}",
         "lost": f"{row['lost']:.2%}",
         "popping": f"{row['popping']:.1f}",
         "jump": f"{row['jump']:.1f}",
         "step": f"{row['step']:.1f}",
         "faces": f"{row['faces']:,.0f}",
+        "in frustum": f"{row['in_frustum']:,.0f}",
         "frame, ms": f"{row['ms']:.1f}",
         "backdrop, ms": f"{row['warp_ms']:.1f}",
         "all geometry, ms": f"{row['all_ms']:.1f}",
     }
 
 
-def overlap(backdrops: Backdrops, needed: set[int], tolerance: float = 2.0) -> Row:
-    """The share of an image's samples that the viewpoint's next image has too, within `tolerance` pixels' widths."""
-    plan, shares = backdrops.plan, []
-    for index in sorted(needed)[:4]:
-        others = np.flatnonzero(plan.images.viewpoint == plan.images.viewpoint[index])
-        others = others[others != index]
-        if not len(others):
-            shares.append(0.0)
+def overlap(backdrops: Backdrops, used: list[cyc.LayeredDepthImage], tolerance: float = 2.0) -> Row:
+    """The share of an image's samples that the image taken nearest to it has too, within `tolerance` pixels' widths."""
+    shares = []
+    eyes = np.array([image.camera.eye for image in used]).reshape(-1, 3)
+    for index, one in enumerate(used[:8]):
+        away = np.linalg.norm(eyes - one.camera.eye, axis=1)
+        away[index] = np.inf
+        if not np.isfinite(away).any():
             continue
-        nearest = others[np.argmax(plan.images.forward[others] @ plan.images.forward[index])]
-        one, two = backdrops.store.get(index), backdrops.store.get(int(nearest))
+        two = used[int(away.argmin())]
         pixel = np.repeat(np.arange(one.counts.size), one.counts.ravel())
         x, y = pixel % one.camera.width, pixel // one.camera.width
         finite = one.disparity > 0

@@ -3,8 +3,14 @@
 from __future__ import annotations
 
 import json
+import signal
+import subprocess
+import sys
+import textwrap
 import threading
 import time
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +20,8 @@ from cyclorama import BACKGROUND, Camera, DepthImage, LayeredDepthImage
 from cyclorama.placement import painting, walking
 from cyclorama.placement.backdrops import Backdrops
 from cyclorama.placement.drawing import DISPLAYS
+from cyclorama.placement.foreground import Foreground
+from cyclorama.placement.groups import Groups
 from cyclorama.placement.store import Store, size_of
 from cyclorama.placing import camera_through
 from reference.placement import FewImages
@@ -40,7 +48,7 @@ def used(plan):
 
 @pytest.fixture(scope="module")
 def backdrops(plan, scene, used, tmp_path_factory):
-    made = Backdrops(plan, scene, tmp_path_factory.mktemp("store"), size=(192, 144), on_demand=False)
+    made = Backdrops(plan, scene, tmp_path_factory.mktemp("store"), size=(192, 144), spread=9.0, on_demand=False)
     made._uses = used
     assert made.paint(progress=False) == 2
     yield made
@@ -54,24 +62,24 @@ def image(samples: int = 10, width: int = 4) -> LayeredDepthImage:
 
 
 def test_uses_are_frames_that_get_the_image(plan, used):
-    assert len(used.of(0)[0]) > 5 and len(used.of(1)[0]) > 5
     for index in (0, 1):
-        for eye, gaze in zip(*used.of(index), strict=True):
+        own = used.of(index)
+        assert own.stop - own.start > 5
+        for eye, gaze in zip(used.eyes[own], used.gazes[own], strict=True):
             assert plan.frame(eye, gaze).image.index == index
 
 
-def test_construction_cameras_see_all_that_the_frames_see_behind_the_quadrilateral(plan, scene, used):
-    eyes, gazes = used.of(0)
-    cameras = painting.views_of_use(plan, 0, eyes, gazes, len(eyes), SIZE)
-    culled = plan.culled(0)
-    points = scene.vertices[scene.faces[culled]].reshape(-1, 3)
-    for camera in cameras:
-        which = np.linalg.norm(eyes - camera.eye, axis=1).argmin()
-        assert np.allclose(camera.eye, eyes[which])
-        pixels, depth = painting.frame_camera(plan, eyes[which], gazes[which], SIZE).project(points)
-        seen = (depth > 0) & ((pixels >= 0) & (pixels <= SIZE)).all(axis=1)
-        at, _ = camera.project(points[seen])
-        assert (at >= -1e-6).all() and (at <= (camera.width + 1e-6, camera.height + 1e-6)).all()
+def test_halves_of_a_group_are_its_frames_and_have_the_image_too(plan, used, scene):
+    groups = Groups(plan, used, scene.bounds)
+    whole = groups.group(0)
+    assert len(whole.eyes) > used.of(0).stop - used.of(0).start
+    for eye, gaze in zip(whole.eyes, whole.gazes, strict=True):
+        assert plan.frame(eye, gaze).image.index == 0
+    halves = [groups.group(0, node) for node in (2, 3)]
+    both = np.vstack([half.places for half in halves])
+    assert sorted(map(tuple, both)) == sorted(map(tuple, whole.places))
+    assert max(half.spread for half in halves) < whole.spread
+    assert all(len(half.eyes) >= 2 for half in halves) == groups.can_divide(whole)
 
 
 def test_the_frame_s_camera_has_the_plan_s_field_of_view_whatever_the_pixels(plan):
@@ -81,10 +89,13 @@ def test_the_frame_s_camera_has_the_plan_s_field_of_view_whatever_the_pixels(pla
 
 
 @pytest.mark.parametrize("display", DISPLAYS)
-def test_from_the_viewpoint_every_display_shows_the_truth(backdrops, plan, scene, display):
-    # As fine an image as the frame, from the same eye: what remains is sampling, at silhouettes.
-    viewpoint = plan.viewpoints[0] - (0, 0, 1e-9)
-    drawn = backdrops.draw(viewpoint, GAZE, SIZE, display=display)
+def test_where_an_image_is_taken_every_display_shows_the_truth(backdrops, plan, scene, used, display):
+    # As fine an image as the frame, from the same eye: what remains is sampling, at silhouettes. A layered image is
+    # taken amid the eyes that use it, the others are from the viewpoint.
+    group = backdrops.groups.group(0)
+    amid = group.eyes[group.central()], group.gazes[group.central()]
+    eye, gaze = amid if display == "ldi" else (plan.viewpoints[0] - (0, 0, 1e-9), GAZE)
+    drawn = backdrops.draw(eye, gaze, SIZE, display=display)
     view = scene.render(drawn.camera)
     truth = backdrops.color(view)
     assert drawn.stats.image == 0 and drawn.stats.faces + len(plan.culled(0)) == len(scene)
@@ -110,7 +121,7 @@ def test_depth_decides_where_geometry_and_backdrop_meet(backdrops, scene, plan):
 
 
 def test_the_layered_backdrop_beats_the_other_displays(backdrops, used):
-    eyes, gazes = (np.concatenate([used.of(i)[k][::3] for i in (0, 1)]) for k in (0, 1))
+    eyes, gazes = used.eyes[::3], used.gazes[::3]
     rows = {row["display"]: row for row in walking.walk(backdrops, eyes, gazes, size=SIZE, progress=False)}
     assert rows["ldi"]["frames"] == len(eyes) and rows["ldi"]["pixels"] > 0.02
     for other in ("warp", "mesh", "quad", "geometry"):
@@ -152,13 +163,14 @@ def test_the_picture_does_not_depend_on_threads(backdrops, plan, scene, used, tm
     one, two = (backdrops.draw(EYE, GAZE, SIZE, threads=threads) for threads in (1, 2))
     np.testing.assert_array_equal(one.color, two.color)
     np.testing.assert_array_equal(one.hole, two.hole)
-    again = backdrops.make(1, threads=2)
-    np.testing.assert_array_equal(again.disparity, backdrops.store.get(1).disparity)
-    np.testing.assert_array_equal(again.color, backdrops.store.get(1).color)
+    key = backdrops.leaves(1)[0]
+    again = backdrops.make(backdrops._group(key), threads=2).image
+    np.testing.assert_array_equal(again.disparity, backdrops.store.get(key).disparity)
+    np.testing.assert_array_equal(again.color, backdrops.store.get(key).color)
 
 
 def test_painting_goes_on_where_it_was_interrupted(plan, scene, used, tmp_path):
-    made = Backdrops(plan, scene, tmp_path, size=SIZE, construction=3)
+    made = Backdrops(plan, scene, tmp_path, size=SIZE, spread=9.0, construction=3)
     made._uses = used
 
     def stop(done: int) -> None:
@@ -167,22 +179,114 @@ def test_painting_goes_on_where_it_was_interrupted(plan, scene, used, tmp_path):
 
     with pytest.raises(KeyboardInterrupt):
         made.paint(threads=1, progress=stop)
-    left = made.store.missing()
+    left = made.missing()
     assert len(left) < 2 and not list(tmp_path.glob("*.part"))
     kept = {path: path.read_bytes() for path in tmp_path.glob("*.npz")}
     assert made.paint(progress=False) == len(left)
-    assert made.store.missing() == [] and made.paint(progress=False) == 0
+    assert made.missing() == [] and made.paint(progress=False) == 0
     assert all(path.read_bytes() == data for path, data in kept.items())
 
 
-def test_images_are_made_on_demand_or_refused(plan, scene, used, tmp_path):
-    made = Backdrops(plan, scene, tmp_path, size=SIZE, construction=2)
+def test_a_killed_process_leaves_whole_images_and_the_next_one_goes_on(plan, scene, used, tmp_path):
+    # The child is killed from outside as soon as one image is there, in the middle of the next.
+    child = textwrap.dedent(f"""
+        import sys
+        import numpy as np
+        sys.path.insert(0, {str(Path(__file__).parent)!r})
+        import cyclorama as cyc
+        from cyclorama.placement.backdrops import Backdrops
+        from cyclorama.placement.painting import Uses
+        from reference.placement import FewImages
+        scene = cyc.scenes.pipes(20_000)
+        plan = FewImages(scene, [(0.1, 0.0, 1.6), (0.0, 0.1, 1.2)], 1.3)
+        made = Backdrops(plan, scene, {str(tmp_path)!r}, size={SIZE}, spread=2.0, construction=2)
+        known = np.load({str(tmp_path / "uses")!r} + ".npz")
+        made._uses = Uses(*(known[name] for name in ("eyes", "gazes", "image", "room")))
+        made.paint(threads=1, progress=False)
+    """)
+    np.savez(tmp_path / "uses", eyes=used.eyes, gazes=used.gazes, image=used.image, room=used.room)
+    process = subprocess.Popen([sys.executable, "-c", child])
+    while process.poll() is None and len(list(tmp_path.glob("0*.npz"))) < 1:
+        time.sleep(0.002)
+    process.kill()
+    assert process.wait() == -signal.SIGKILL
+    made = Backdrops(plan, scene, tmp_path, size=SIZE, spread=2.0, construction=2)
     made._uses = used
-    assert made.draw(EYE, GAZE, SIZE, prefetch=False).stats.image is not None
-    assert (made.store.made, len(made.store.missing())) == (1, 1)
-    strict = Backdrops(plan, scene, tmp_path, size=SIZE, construction=2, on_demand=False)
+    assert made.missing()
+    kept = {path: path.read_bytes() for path in tmp_path.glob("0*.npz")}
+    assert made.paint(progress=False) > 0 and made.missing() == []
+    assert kept and all(path.read_bytes() == data for path, data in kept.items())
+    whole = [made.store.get(key).samples for i in (0, 1) for key in made.leaves(i)]
+    assert min(whole) > 0 and len(whole) > 2
+
+
+def test_groups_are_divided_until_the_error_holds_or_cannot(plan, scene, used, tmp_path):
+    loose, tight, none = (
+        Backdrops(plan, scene, tmp_path / str(limit), size=(48, 36), spread=9.0, construction=4, max_error=limit)
+        for limit in (200.0, 30.0, 0.0)
+    )
+    for made in (loose, tight, none):
+        made._uses = used
+        group = made.groups.group(0)
+        # A few frames are enough to divide again and again.
+        made.groups._groups[0, 1] = replace(group, eyes=group.eyes[:24], gazes=group.gazes[:24], room=group.room[:24])
+        made.image(0, EYE, GAZE)
+    notes = [made.notes.get(0) for made in (loose, tight, none)]
+    assert not notes[0]["divided"] and notes[0]["error"] <= 200 and loose.unmet() == {}
+    assert notes[1]["divided"] and notes[2]["divided"]
+    # Nothing is without any error: what is left can't be divided, and is said.
+    (key,) = none.unmet()
+    assert none.unmet()[key] > 0 and len(none.groups.group(0, key // 2 + 1).eyes) < 8
+    assert all(error > 30 for error in tight.unmet().values())
+
+
+def test_the_rest_of_a_budget_draws_what_is_nearest(scene):
+    plan = FewImages(scene, [(0.1, 0.0, 1.6), (0.0, 0.1, 1.2)], 1.3)
+    foreground = Foreground(plan, scene)
+    camera = painting.frame_camera(plan, EYE, GAZE, SIZE)
+    cells = foreground.cells(0)
+    depths = (scene.vertices[scene.faces].astype(float) - camera.eye) @ GAZE
+    culled = np.zeros(len(scene), np.bool_)
+    culled[plan.culled(0)] = True
+    seen = np.unique(scene.render(camera, plan.culled(0)).ids)[:-1]
+    nearest = [foreground.of(cells, camera, room) for room in (-5, 0, 100, 1000, 10**6)]
+    for near, room in zip(nearest, (0, 0, 100, 1000, 10**6), strict=True):
+        assert len(near.faces) <= room and culled[near.faces].all()
+        # Whatever the image shows before that depth is drawn.
+        before = seen[depths[seen].min(axis=1) < near.depth * (1 - 1e-6)]
+        assert np.isin(before, near.faces).all()
+    assert [near.depth for near in nearest] == sorted(near.depth for near in nearest)
+    assert len(nearest[2].faces) == 100 and np.isinf(nearest[4].depth)
+
+
+def test_what_is_drawn_as_geometry_is_not_taken_from_the_image(scene, used, tmp_path):
+    plan = FewImages(scene, [(0.1, 0.0, 1.6), (0.0, 0.1, 1.2)], 1.3)
+    plan.budget = len(scene)
+    made = Backdrops(plan, scene, tmp_path, size=SIZE, spread=9.0, construction=2)
+    made._uses = used
+    drawn = made.draw(EYE, GAZE, SIZE, prefetch=False)
+    # There is room for all: the truth, and no image is painted.
+    np.testing.assert_array_equal(drawn.ids, scene.render(drawn.camera).ids)
+    assert not drawn.backdrop.any() and not list(tmp_path.glob("*.npz"))
+    plan.budget = drawn.stats.faces - drawn.stats.nearer // 2
+    half = made.draw(EYE, GAZE, SIZE, prefetch=False)
+    assert plan.budget - 5 <= half.stats.faces <= plan.budget and half.backdrop.any()
+    truth = made.color(scene.render(half.camera))
+    own = np.isin(scene.render(half.camera).ids, half.nearer)
+    # Geometry is exact, but where silhouettes of the image lie over it.
+    assert (half.color[own] == truth[own]).all(axis=1).mean() > 0.97
+
+
+def test_images_are_made_on_demand_or_refused(plan, scene, used, tmp_path):
+    made = Backdrops(plan, scene, tmp_path, size=SIZE, spread=9.0, construction=2)
+    made._uses = used
+    index = made.draw(EYE, GAZE, SIZE, prefetch=False).stats.image
+    there = list(tmp_path.glob("*.npz"))
+    assert len(there) == 1 and not made.store.has(1 - index)
+    strict = Backdrops(plan, scene, tmp_path, size=SIZE, spread=9.0, construction=2, on_demand=False)
+    assert strict.draw(EYE, GAZE, SIZE, prefetch=False).backdrop.any()
     with pytest.raises(FileNotFoundError, match="not painted"):
-        strict.store.get(made.store.missing()[0])
+        strict.image(1 - index, EYE, GAZE)
 
 
 def test_a_store_of_something_else_is_refused(plan, scene, tmp_path):
@@ -265,30 +369,57 @@ def test_prefetching_loads_the_most_wanted_that_memory_holds(tmp_path):
         store.prefetch([1])
 
 
-def test_two_that_want_an_image_make_it_once(tmp_path):
-    started = threading.Event()
+def test_two_that_want_an_image_paint_it_once(plan, scene, used, tmp_path, monkeypatch):
+    made = Backdrops(plan, scene, tmp_path, size=SIZE, spread=9.0, construction=2)
+    made._uses = used
+    painted = []
+    make = made.make
 
-    def make(_: int) -> LayeredDepthImage:
-        started.set()
-        time.sleep(0.05)
-        return image()
+    def counted(group, threads=None):
+        painted.append(group.node)
+        return make(group, threads)
 
-    store = Store(cyc.LayeredDepthImage.load, size_of, tmp_path, 1, {}, make=make)
+    monkeypatch.setattr(made, "make", counted)
     got: list[LayeredDepthImage] = []
-    threads = [threading.Thread(target=lambda: got.append(store.get(0))) for _ in range(4)]
+    threads = [threading.Thread(target=lambda: got.append(made.image(0, EYE, GAZE))) for _ in range(4)]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
-    assert store.made == 1 and started.is_set() and len({id(one) for one in got}) == 1
+    assert len(painted) == 1 and len({id(one) for one in got}) == 1
 
 
-def test_the_nearest_viewpoints_come_first(backdrops, plan, monkeypatch):
+def test_what_was_prefetched_is_there_while_another_image_is_being_loaded(tmp_path):
+    one, loading, go_on = size_of(image()), threading.Event(), threading.Event()
+
+    def slow(path):
+        if path.stem != "000000":
+            loading.set()
+            assert go_on.wait(20)
+        return LayeredDepthImage.load(path)
+
+    store = Store(slow, size_of, tmp_path, 3, {}, memory=2 * one)
+    for index in range(3):
+        store.put(index, image())
+    store.prefetch([0])
+    assert store.wait(20)
+    store.prefetch([0, 1, 2])
+    assert loading.wait(20)
+    # The background thread is in the middle of a load, and holds nothing that this needs.
+    assert store.get(0).samples == 10 and store.loads == 1
+    go_on.set()
+    assert store.wait(20) and store.bytes_in_memory <= 2 * one and set(store.in_memory) == {0, 1}
+    store.close()
+
+
+def test_images_used_nearby_come_first(backdrops, monkeypatch):
     orders = []
     monkeypatch.setattr(backdrops.store, "prefetch", orders.append)
-    for index, viewpoint in enumerate(plan.viewpoints):
-        backdrops.prefetch(viewpoint)
-        assert orders[-1][0] == index and sorted(orders[-1]) == [0, 1]
+    keys, centers = backdrops.notes.centers()
+    assert sorted(keys) == sorted(backdrops.leaves(0) + backdrops.leaves(1))
+    for key, center in zip(keys, centers, strict=True):
+        backdrops.prefetch(center)
+        assert orders[-1][0] == key and sorted(orders[-1]) == sorted(keys)
 
 
 def test_colours_are_the_same_from_everywhere(scene):

@@ -84,7 +84,10 @@ def paint(points: npt.ArrayLike, grain: float, *, seed: int = 0) -> Bytes:
     known = np.flatnonzero(np.isfinite(flat).all(axis=1))
     frequencies = (directions * (2 * np.pi / lengths)[:, None]).T
     for part in np.array_split(known, max(1, len(known) // 65536)):
-        levels = 127.5 + np.sin(flat[part] @ frequencies + phases) @ strengths
+        turns = flat[part] @ frequencies + phases
+        turns -= 2 * np.pi * np.rint(turns / (2 * np.pi))
+        # Sines of float32 are vectorised, and a millionth of a grey level off.
+        levels = 127.5 + np.sin(turns.astype(np.float32)) @ strengths.astype(np.float32)
         colors[part] = np.clip(np.rint(levels), 0, 255)
     return colors.reshape(world.shape)
 

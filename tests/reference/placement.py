@@ -40,6 +40,15 @@ class FewImages:
             x, y, z = np.moveaxis(points - viewpoint, -1, 0) / distance
             inside = (np.abs(x) <= -z * w / distance) & (np.abs(y) <= -z * w / distance / aspect) & (z <= -1)
             self._culled.append(np.flatnonzero(inside.all(axis=1)).astype(np.uint32))
+        self._every = np.arange(len(scene), dtype=np.uint32)
+        self._rest = [np.setdiff1d(self._every, culled, assume_unique=True) for culled in self._culled]
+
+    #: Nothing more than what is left: the rest of the budget is zero or less.
+    budget = 0
+
+    def cells(self) -> tuple[np.ndarray, np.ndarray]:
+        """Each face is a cell."""
+        return np.arange(len(self.scene), dtype=np.uint32), np.arange(len(self.scene))
 
     def culled(self, index: int) -> np.ndarray:
         return self._culled[index]
@@ -48,7 +57,7 @@ class FewImages:
         eye, gaze = np.asarray(eye, np.float64), np.asarray(forward, np.float64) / np.linalg.norm(forward)
         right = np.cross(gaze, self.up) / np.linalg.norm(np.cross(gaze, self.up))
         tan = np.tan(np.radians(self.fov_x / 2))
-        best, every = None, np.arange(len(self.scene), dtype=np.uint32)
+        best = None
         for index, viewpoint in enumerate(self.viewpoints):
             step = eye - viewpoint
             ahead = step @ gaze
@@ -58,6 +67,5 @@ class FewImages:
             if seen and fits and (best is None or np.linalg.norm(step) < best[0]):
                 best = np.linalg.norm(step), index
         if best is None:
-            return SimpleNamespace(faces=every, image=None)
-        rest = np.setdiff1d(every, self._culled[best[1]], assume_unique=True)
-        return SimpleNamespace(faces=rest, image=SimpleNamespace(index=best[1]))
+            return SimpleNamespace(faces=self._every, image=None)
+        return SimpleNamespace(faces=self._rest[best[1]], image=SimpleNamespace(index=best[1]))

@@ -7,9 +7,13 @@ the eye are loaded before they are.
 from __future__ import annotations
 
 import hashlib
+import math
 import os
+import threading
 from collections.abc import Iterator
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
+from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,14 +24,17 @@ from ..ldi import LayeredDepthImage
 from ..progress import Progress, reporter
 from ..scene import Scene
 from .drawing import Display, Drawn, Pictures, Splat, draw
-from .painting import Coloring, Lit, Placement, Uses, Where, paint_image, uses
+from .foreground import Foreground
+from .groups import Group, Groups, place
+from .notes import Notes
+from .painting import FRAMES, Coloring, Lit, Painted, Placement, Uses, Where, paint_as_paper, paint_group, uses
 from .store import Store, size_of
 
 __all__ = ["Backdrops", "plan_fingerprint"]
 
-# Frames asked for, an image: what use an image has is known from a few dozen eyes, groups of which have a construction
-# image each.
-_FRAMES_FOR_ONE = 64
+# Frames asked for, an image: what use an image has is known from a hundred eyes, groups of which have a layered image
+# each.
+_FRAMES_FOR_ONE = 128
 
 
 class Backdrops:
@@ -41,11 +48,27 @@ class Backdrops:
     folder : path
         Where the images are, or will be.
     size : (int, int)
-        Width and height of an image in pixels.
+        Width and height in pixels of what one frame shows of an image; it has more, if its frames look around.
     construction : int
-        Construction images for each.
+        The most frames that a layered image is built from.
+    max_holes : float
+        A layered image takes frames in until of the others none has more of the pixels that show it unknown, or
+        `construction` are in it.
+    spread : float
+        Eyes and gazes that use an image are divided into groups, each with a layered image of its own, so that none is
+        farther from the middle of its group: in radians, of turning or of what moves by parallax.
+    max_error : float, optional
+        Groups are divided further until the layered image of each, in frames that it was not built from, is no more
+        than this off, in grey levels of 255 (`painting.Painted`). A group of a few frames can't be divided: `unmet`
+        has those.
+    region : (2, 3) array_like of float, optional
+        Where eyes will be, lowest and highest coordinates, in the plan's domain; all of it by default. Images are
+        painted for those; others see what they can.
     where : {"use", "paper"}
-        Where they are taken: amid the eyes that use the image, or at the eight places of the dissertation (4.3.2).
+        Where images are taken: amid the eyes that use them, or at the nine places of the dissertation (4.3.2), one
+        layered image for each placement.
+    spend : bool
+        Draw of what an image stands for the nearest as geometry, as far as the budget goes (`foreground`).
     color : callable, optional
         Takes a `View` and gives its colours (H, W, 3) uint8, for images and geometry alike. By default the scene's,
         lit the same from everywhere (`painting.Lit`). A folder knows it by its name.
@@ -57,6 +80,7 @@ class Backdrops:
     Attributes
     ----------
     store : Store
+    notes : Notes
 
     Raises
     ------
@@ -72,7 +96,12 @@ class Backdrops:
         *,
         size: tuple[int, int] = (512, 384),
         construction: int = 16,
+        max_holes: float = 0.005,
+        spread: float = 0.5,
+        max_error: float | None = None,
+        region: npt.ArrayLike | None = None,
         where: Where = "use",
+        spend: bool = True,
         color: Coloring | None = None,
         memory: int = 1 << 30,
         on_demand: bool = True,
@@ -83,70 +112,185 @@ class Backdrops:
             raise ValueError(f"construction must be an integer from 0 to 254, got {construction!r}")
         if len(size) != 2 or not all(isinstance(side, (int, np.integer)) and 1 <= side <= 1 << 15 for side in size):
             raise ValueError(f"size must be two numbers of pixels, got {size!r}")
-        self.plan, self.scene = plan, scene
+        for name, value in (("max_holes", max_holes), ("spread", spread), ("max_error", max_error)):
+            if value is not None and not (np.isfinite(value) and value >= 0):
+                raise ValueError(f"{name} must be finite and at least 0, got {value!r}")
+        eyes = np.asarray(plan.domain if region is None else region, np.float64)
+        low, high = plan.domain
+        if (
+            eyes.shape != (2, 3)
+            or not (low <= eyes[0]).all()
+            or not (eyes[1] <= high).all()
+            or (eyes[0] > eyes[1]).any()
+        ):
+            raise ValueError(
+                f"region must be lowest and highest coordinates, (2, 3), in the plan's domain, got {region!r}"
+            )
+        self.plan, self.scene, self.region = plan, scene, eyes
         width, height = size
-        self._options: dict[str, Any] = {
-            "size": (int(width), int(height)),
-            "construction": int(construction),
-            "where": where,
-        }
+        self._size, self._where = (int(width), int(height)), where
+        self._construction, self._max_holes = int(construction), float(max_holes)
+        self._spread = float(spread)
+        self._max_error = None if max_error is None else float(max_error)
+        self._on_demand = on_demand
+        self._painting = threading.Lock()
         self.color = color or Lit(scene, plan.up)
         self._uses: Uses | None = None
         identity = {
             "scene": fingerprint(scene),
             "plan": plan_fingerprint(plan),
+            "budget": int(plan.budget),
             "color": getattr(self.color, "__qualname__", type(self.color).__qualname__),
-            **self._options,
+            "size": self._size,
+            "construction": self._construction,
+            "max_holes": self._max_holes,
+            "spread": self._spread,
+            "max_error": self._max_error,
+            "region": eyes.tolist(),
+            "where": where,
         }
         count = len(plan.images)
-        self.store = Store(
-            LayeredDepthImage.load,
-            size_of,
-            folder,
-            count,
-            identity,
-            memory=memory,
-            make=self.make if on_demand else None,
-        )
-        self.pictures = Pictures(plan, scene, (int(width), int(height)), self.color, self.store.get)
+        self.store = Store(LayeredDepthImage.load, size_of, folder, count, identity, memory=memory)
+        self.notes = Notes(Path(folder))
+        self.foreground = Foreground(plan, scene)
+        self.pictures = Pictures(plan, scene, self._size, self.color, self.image, self.foreground if spend else None)
 
-    def make(self, index: int, threads: int | None = None) -> LayeredDepthImage:
-        """Paints one image, and keeps it nowhere."""
-        return paint_image(
-            self.plan, self.scene, index, self._used(), color=self.color, threads=threads, **self._options
-        )
+    @cached_property
+    def groups(self) -> Groups:
+        """The frames that use each image."""
+        return Groups(self.plan, self._used(), self.region)
 
     def _used(self) -> Uses:
         if self._uses is None:
-            self._uses = uses(self.plan, _FRAMES_FOR_ONE * len(self.plan.images))
+            self._uses = uses(self.plan, _FRAMES_FOR_ONE * len(self.plan.images), region=self.region)
         return self._uses
 
+    def key(self, group: Group) -> int:
+        """Where the store has the layered image of a group."""
+        return group.image + len(self.plan.images) * (group.node - 1)
+
+    def make(self, group: Group, threads: int | None = None) -> Painted:
+        """Paints a group's layered image, and keeps it nowhere."""
+        if self._where == "paper" or not len(group.eyes):
+            image = paint_as_paper(self.plan, self.scene, group, size=self._size, color=self.color, threads=threads)
+            return Painted(image, math.nan, math.nan, 0)
+        return paint_group(
+            self.plan,
+            self.scene,
+            self.groups.filled(group, 2 * FRAMES),
+            self.foreground,
+            size=self._size,
+            construction=self._construction,
+            max_holes=self._max_holes,
+            color=self.color,
+            threads=threads,
+        )
+
+    def image(self, index: int, eye: npt.ArrayLike, gaze: npt.ArrayLike) -> LayeredDepthImage:
+        """The layered image of a placement for a frame.
+
+        Raises
+        ------
+        ValueError
+            If its file is cut off or damaged.
+        FileNotFoundError
+            If it is not painted and may not be painted on demand.
+        """
+        key, count = index, len(self.plan.images)
+        while not self.store.has(key):
+            note = self.notes.get(key)
+            if note is None or not note["divided"]:
+                if not self._on_demand:
+                    raise FileNotFoundError(f"image {index} is not painted yet: {self.store.path(key)} is not there")
+                # Painting takes all cores: one at a time.
+                with self._painting:
+                    self._settle(self._group(key), None)
+                continue
+            here = place(eye, gaze, note["scale"])
+            nearer = int(np.linalg.norm(np.subtract(note["halves"], here), axis=1).argmin())
+            key = index + count * (2 * (key // count + 1) + nearer - 1)
+        return self.store.get(key)
+
+    def _group(self, key: int) -> Group:
+        count = len(self.plan.images)
+        return self.groups.group(key % count, key // count + 1)
+
+    def _settle(self, group: Group, threads: int | None) -> None:
+        """Paints a group's image, or finds that its halves have images instead."""
+        key, groups = self.key(group), self.groups
+        note = self.notes.get(key)
+        if self.store.has(key) or (note is not None and note["divided"]):
+            return
+        if self._where == "paper" or group.spread <= self._spread or not groups.can_divide(group):
+            painted = self.make(group, threads)
+            limit = self._max_error
+            if limit is None or not painted.error > limit or not groups.can_divide(group):
+                found = {"error": painted.error, "holes": painted.holes, "judges": painted.judges}
+                self.notes.put(key, {"divided": False, "center": self._center(group), **found})
+                self.store.put(key, painted.image)
+                return
+        halves = [groups.group(group.image, 2 * group.node + half).middle.tolist() for half in (0, 1)]
+        self.notes.put(key, {"divided": True, "scale": group.scale, "halves": halves})
+
+    def leaves(self, index: int) -> list[int]:
+        """The images of a placement, by key: those that are there, and those that are to be painted."""
+        found, waiting, count = [], [index], len(self.plan.images)
+        while waiting:
+            key = waiting.pop()
+            note = self.notes.get(key)
+            if note is not None and note["divided"]:
+                first = index + count * (2 * (key // count + 1) - 1)
+                waiting.extend((first + count, first))
+            else:
+                found.append(key)
+        return found
+
+    def missing(self) -> list[int]:
+        """The placements whose images are not all in the folder.
+
+        Raises
+        ------
+        ValueError
+            If one is cut off.
+        """
+        every = range(len(self.plan.images))
+        return [i for i in every if self.store.missing(self.leaves(i))]
+
+    def unmet(self) -> dict[int, float]:
+        """The errors of images over `max_error` whose groups can't be divided, by key: more frames would be needed."""
+        if self._max_error is None:
+            return {}
+        keys = [key for index in range(len(self.plan.images)) for key in self.leaves(index)]
+        notes = {key: self.notes.get(key) for key in keys}
+        return {key: note["error"] for key, note in notes.items() if note and note.get("error", 0) > self._max_error}
+
     def paint(self, *, threads: int | None = None, progress: Progress = None) -> int:
-        """Paints the images that are not there yet, each with one thread.
+        """Paints the images that are not there yet, those of a placement with one thread.
 
         Parameters
         ----------
         threads : int, optional
-            Images painted at a time; all cores by default. The images don't depend on it.
+            Placements painted at a time; all cores by default. The images don't depend on it.
         progress : bool or callable, optional
-            One unit is an image; a bar by default, where somebody watches.
+            One unit is a placement; a bar by default, where somebody watches.
 
         Returns
         -------
         int
-            How many were painted. Interrupted, it leaves whole images; the next call goes on from there.
+            Of how many placements something was painted. Interrupted or killed, it leaves whole images; the next call
+            goes on from there.
         """
-        todo = self.store.missing()
-        done = self.store.count - len(todo)
+        todo = self.missing()
+        done = len(self.plan.images) - len(todo)
         if not todo:
             return 0
-        self._used()
         workers = threads or os.cpu_count() or 1
 
         def paint_one(index: int) -> None:
-            self.store.put(index, self.make(index, threads=1))
+            while left := self.store.missing(self.leaves(index)):
+                self._settle(self._group(left[0]), 1)
 
-        with reporter(progress, self.store.count, "painting") as report:
+        with reporter(progress, len(self.plan.images), "painting") as report:
             pool = ThreadPoolExecutor(workers)
             try:
                 report(done)
@@ -158,14 +302,21 @@ class Backdrops:
         return len(todo)
 
     def prefetch(self, eye: npt.ArrayLike) -> None:
-        """Loads the images of the viewpoints nearest to an eye, on a background thread, as many as memory holds.
+        """Loads the images used nearest to an eye, on a background thread, as many as memory holds.
 
         Parameters
         ----------
         eye : (3,) array_like of float
         """
-        away = np.linalg.norm(self.plan.viewpoints - np.asarray(eye, np.float64), axis=1)
-        self.store.prefetch(np.argsort(away[self.plan.images.viewpoint], kind="stable").tolist())
+        keys, centers = self.notes.centers()
+        away = np.linalg.norm(centers - np.asarray(eye, np.float64), axis=1)
+        self.store.prefetch(keys[np.argsort(away, kind="stable")].tolist())
+
+    def _center(self, group: Group) -> list[float]:
+        """Amid the eyes that use a group's image."""
+        if len(group.eyes):
+            return list(group.eyes.mean(axis=0).tolist())
+        return list(self.plan.viewpoints[self.plan.images.viewpoint[group.image]].tolist())
 
     def draw(
         self,

@@ -7,6 +7,7 @@ culled cell may lie nearer than geometry beside it, and then it is right that it
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -21,6 +22,7 @@ from ..placing import camera_through
 from ..render import BACKGROUND, View
 from ..scene import Scene
 from ..warp import Warped, forward
+from .foreground import Foreground, Nearer
 from .painting import Coloring, Placement, frame_camera, picture
 
 __all__ = ["DISPLAYS", "Display", "DrawStats", "Drawn", "Pictures", "Splat", "draw"]
@@ -36,6 +38,9 @@ Splat = int | Literal["projected"]
 Display = Literal["ldi", "warp", "mesh", "quad", "geometry"]
 DISPLAYS: tuple[Display, ...] = ("ldi", "warp", "mesh", "quad", "geometry")
 
+# What an image shows is before the same surface drawn as geometry if it is nearer than this share of its depth.
+_SAME = 0.995
+
 
 @dataclass(frozen=True)
 class DrawStats:
@@ -47,8 +52,10 @@ class DrawStats:
         Which image is behind the geometry.
     faces : int
         Drawn as geometry.
+    nearer : int
+        Those of them that are in the image, too: the rest of the budget (`foreground`).
     culled : int
-        In the image instead.
+        In the image.
     samples : int
         Samples, or pixels, of the image.
     placed, rendered, warped, composed : float
@@ -58,6 +65,7 @@ class DrawStats:
 
     image: int | None
     faces: int
+    nearer: int
     culled: int
     samples: int
     placed: float
@@ -87,6 +95,8 @@ class Drawn:
         Pixels that show the backdrop.
     ids : (H, W) ndarray of uint32
         The face of pixels that show geometry, `BACKGROUND` elsewhere.
+    nearer : (K,) ndarray of uint32
+        Faces that are in the image, too, but drawn as geometry.
     camera : Camera
     stats : DrawStats
     """
@@ -96,6 +106,7 @@ class Drawn:
     hole: Mask
     backdrop: Mask
     ids: npt.NDArray[np.uint32]
+    nearer: npt.NDArray[np.uint32]
     camera: Camera
     stats: DrawStats
 
@@ -119,17 +130,24 @@ class Pictures:
     color : callable
         Gives a view's colours.
     layered : callable
-        Gives the layered image of an index.
+        Gives the layered image of an index for an eye and a gaze.
+    foreground : Foreground, optional
+        Draw of what an image stands for the nearest as geometry, as far as the budget goes.
     """
 
-    def __init__(self, plan: Placement, scene: Scene, size: tuple[int, int], color: Coloring, layered: object) -> None:
+    def __init__(
+        self,
+        plan: Placement,
+        scene: Scene,
+        size: tuple[int, int],
+        color: Coloring,
+        layered: Callable[[int, npt.ArrayLike, npt.ArrayLike], LayeredDepthImage],
+        foreground: Foreground | None = None,
+    ) -> None:
         self.plan, self.scene, self.size, self.color = plan, scene, size, color
-        self._layered = layered
+        self.layered, self.foreground = layered, foreground
         self._central: tuple[int, DepthImage] | None = None
         self._bounds: dict[int, Floats] = {}
-
-    def layered(self, index: int) -> LayeredDepthImage:
-        return self._layered(index)  # type: ignore[operator, no-any-return]
 
     def central(self, index: int) -> DepthImage:
         """What the viewpoint sees through the quadrilateral, rendered on the fly; the last one is kept (4.4.1)."""
@@ -173,34 +191,43 @@ def draw(
     camera = frame_camera(plan, eye, gaze, size)
     frame = plan.frame(eye, gaze)
     index = None if frame.image is None else frame.image.index
+    faces, near = frame.faces, Nearer(np.empty(0, np.uint32), 0.0)
+    # A flat image hides all that is beyond its plane: nothing can be drawn there.
+    if index is not None and pictures.foreground is not None and display in ("ldi", "warp", "mesh"):
+        room = plan.budget - len(faces)
+        near = pictures.foreground.of(pictures.foreground.cells(index), camera, room)
+        faces = np.concatenate([faces, near.faces])
     clock.append(time.perf_counter())
     if display == "geometry" and index is not None:
-        view = _bent(pictures, index, frame.faces, camera, threads)
+        view = _bent(pictures, index, faces, camera, threads)
     else:
-        view = scene.render(camera, frame.faces, threads=threads)
+        view = scene.render(camera, faces, threads=threads)
     color, depth = pictures.color(view), view.depth
     clock.append(time.perf_counter())
     hole, shown = np.zeros(depth.shape, np.bool_), np.zeros(depth.shape, np.bool_)
     ids, samples, culled = view.ids, 0, 0
-    if index is None:
+    if index is not None:
+        culled = len(plan.culled(index))
+    if index is None or np.isinf(near.depth):
         clock.append(clock[-1])
     else:
         small = camera if warp_size is None else camera.with_size(*warp_size)
-        behind, samples = _backdrop(pictures, index, small, display, splat, threads)
-        culled = len(plan.culled(index))
+        behind, samples = _backdrop(pictures, index, small.replace(near=near.depth), display, splat, threads)
         if warp_size is not None:
             behind = _scaled(behind, camera)
         clock.append(time.perf_counter())
-        shown = ~behind.hole & (behind.depth < depth)
+        # What is in the image and drawn as well is as deep in both, but for rounding to the image's pixels.
+        twice = np.isin(ids, near.faces, kind="table") if len(near.faces) else np.zeros(ids.shape, np.bool_)
+        shown = ~behind.hole & (behind.depth < np.where(twice, depth * _SAME, depth))
         color = np.where(shown[..., None], behind.color, color)
         hole = behind.hole.copy()
         if hole.any():
-            hole[hole] = _enters(pictures.space(index), camera, np.argwhere(hole), depth[hole])
+            hole[hole] = _enters(pictures.space(index), camera, np.argwhere(hole), depth[hole], near.depth)
         ids = np.where(shown, BACKGROUND, ids)
         depth = np.where(shown, behind.depth, depth)
     clock.append(time.perf_counter())
-    stats = DrawStats(index, len(frame.faces), culled, samples, *(1e3 * np.diff(clock)).tolist())
-    return Drawn(color, depth, hole, shown, ids, camera, stats)
+    stats = DrawStats(index, len(faces), len(near.faces), culled, samples, *(1e3 * np.diff(clock)).tolist())
+    return Drawn(color, depth, hole, shown, ids, near.faces, camera, stats)
 
 
 def _backdrop(
@@ -208,7 +235,8 @@ def _backdrop(
 ) -> tuple[Warped, int]:
     """What a camera sees of an image, and how many samples that is."""
     if display == "ldi":
-        layered = pictures.layered(index)
+        # An eye and a gaze choose the group.
+        layered = pictures.layered(index, camera.eye, camera.world_to_camera[2, :3])
         return layered.warp(camera, splat=splat or "projected", threads=threads), layered.samples
     central = pictures.central(index)
     if display == "warp":
@@ -290,8 +318,10 @@ def _scaled(warped: Warped, camera: Camera) -> Warped:
     return Warped(warped.color[at], warped.depth[at], warped.hole[at], warped.exact[at], warped.source[at], camera)
 
 
-def _enters(space: Floats, camera: Camera, pixels: npt.NDArray[np.int64], depth: npt.NDArray[np.float32]) -> Mask:
-    """Whether the rays of (row, column) pixels come into a convex space before some depth."""
+def _enters(
+    space: Floats, camera: Camera, pixels: npt.NDArray[np.int64], depth: npt.NDArray[np.float32], near: float
+) -> Mask:
+    """Whether the rays of (row, column) pixels come into a convex space, beyond a depth and before others."""
     # Along a ray, depth t is at eye + t ray.
     back = camera.camera_to_world[:3, :3] @ np.linalg.inv(camera.K)
     places = np.column_stack([pixels[:, 1] + 0.5, pixels[:, 0] + 0.5, np.ones(len(pixels))])
@@ -302,5 +332,5 @@ def _enters(space: Floats, camera: Camera, pixels: npt.NDArray[np.int64], depth:
     enter = np.where(slope > 0, cross, -np.inf).max(axis=1)
     leave = np.where(slope < 0, cross, np.inf).min(axis=1)
     outside = ((slope == 0) & (start < 0)).any(axis=1)
-    enter = np.maximum(enter, 0.0)
+    enter = np.maximum(enter, near)
     return np.asarray((enter <= leave) & ~outside & (enter < depth))

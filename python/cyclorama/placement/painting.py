@@ -6,7 +6,8 @@ pixel without a sample is one of which nothing is known, and not the sky.
 
 The dissertation takes its construction images around the viewpoint, within the star-shape. An eye that gets an image
 may be far from its viewpoint, close to the image's plane. So they are taken here where the image is really used: the
-plan is asked for frames all over its domain, and the eyes that get an image are grouped.
+plan is asked for frames all over its domain, those that get an image are grouped, and each group's layered image is
+built from its own frames.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import TYPE_CHECKING, Literal, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -22,11 +23,15 @@ import numpy.typing as npt
 from ..camera import Camera
 from ..depth_image import DepthImage
 from ..ldi import LayeredDepthImage
-from ..placing import camera_through, construction_cameras
-from ..render import View
+from ..placing import construction_cameras
+from ..render import BACKGROUND, View
 from ..scene import Scene
 
-__all__ = ["Lit", "Uses", "frame_camera", "paint_image", "picture", "uses", "views_of_use"]
+if TYPE_CHECKING:
+    from .foreground import Foreground, Nearer
+    from .groups import Group
+
+__all__ = ["Lit", "Painted", "Uses", "frame_camera", "more_uses", "paint_as_paper", "paint_group", "picture", "uses"]
 
 Bytes = npt.NDArray[np.uint8]
 Floats = npt.NDArray[np.float64]
@@ -41,18 +46,18 @@ Where = Literal["use", "paper"]
 # middle.
 _STEEPEST = 2.0
 
-# Where a layered image's own camera stands: at the viewpoint (0) what is just behind the plane is taken from far away,
-# amid the eyes (1) its view is wide and its pixels are large. Measured in a cathedral and in a tangle of pipes at 0,
-# 0.5 and 1: 25.0, 25.5, 24.2 dB and 18.6, 18.9, 18.5 dB.
-_HALFWAY = 0.5
+# How much wider than a frame construction images are on each side: a share of its side.
+_MARGIN = 0.1
 
 # Share of the samples that may lie beyond each border of a layered image: a few at the very edge would make its pixels
 # large for all.
 _OUTSIDE = 0.0005
 
-# Rounds in which eyes find the middle nearest to them: later ones move the middles by less than a tenth of their
-# distance (measured on a thousand eyes and 16 middles).
-_ROUNDS = 10
+# How far beside known frames others are looked for: a share of the region's edges, and of a radian.
+_BESIDE = 0.02
+
+#: Frames of a group that are drawn: some join the layered image, the others judge it.
+FRAMES = 20
 
 
 class Images(Protocol):
@@ -100,6 +105,9 @@ class Placement(Protocol):
     def directions(self) -> str: ...
     @property
     def images(self) -> Images: ...
+    @property
+    def budget(self) -> int: ...
+    def cells(self) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.int64]]: ...
     def frame(self, eye: npt.ArrayLike, forward: npt.ArrayLike) -> Frame: ...
     def culled(self, index: int) -> npt.NDArray[np.uint32]: ...
 
@@ -156,26 +164,31 @@ class Uses:
     eyes, gazes : (K, 3) ndarray of float64
     image : (K,) ndarray of int64
         By index, ascending.
+    room : (K,) ndarray of int64
+        How many more faces the budget would let each frame draw.
     """
 
     eyes: Floats
     gazes: Floats
     image: npt.NDArray[np.int64]
+    room: npt.NDArray[np.int64]
 
-    def of(self, index: int) -> tuple[Floats, Floats]:
-        """The eyes and gazes of one image."""
+    def of(self, index: int) -> slice:
+        """The frames of one image."""
         first, end = np.searchsorted(self.image, [index, index + 1])
-        return self.eyes[first:end], self.gazes[first:end]
+        return slice(int(first), int(end))
 
 
-def uses(plan: Placement, count: int, *, seed: int = 0) -> Uses:
-    """Which images a plan gives to random eyes of its domain that look in random directions.
+def uses(plan: Placement, count: int, *, region: npt.ArrayLike | None = None, seed: int = 0) -> Uses:
+    """Which images a plan gives to random eyes that look in random directions.
 
     Parameters
     ----------
     plan : Plan
     count : int
         Frames asked for; those that need no image are left out.
+    region : (2, 3) array_like of float, optional
+        Where the eyes are: lowest and highest coordinates, by default the plan's domain.
     seed : int
         Of the frames.
 
@@ -184,17 +197,54 @@ def uses(plan: Placement, count: int, *, seed: int = 0) -> Uses:
     See `cyclorama.placement`.
     """
     rng = np.random.default_rng(seed)
-    low, high = np.asarray(plan.domain, np.float64)
+    low, high = np.asarray(plan.domain if region is None else region, np.float64)
     eyes = rng.uniform(low, high, (count, 3))
     gazes = _gazes(plan, rng, count)
-    found = np.full(count, -1, np.int64)
-    for frame in range(count):
-        image = plan.frame(eyes[frame], gazes[frame]).image
-        if image is not None:
-            found[frame] = image.index
+    found, room = np.full(count, -1, np.int64), np.zeros(count, np.int64)
+    for index in range(count):
+        frame = plan.frame(eyes[index], gazes[index])
+        if frame.image is not None:
+            found[index], room[index] = frame.image.index, plan.budget - len(frame.faces)
     order = np.argsort(found, kind="stable")
     order = order[found[order] >= 0]
-    return Uses(eyes[order], gazes[order], found[order])
+    return Uses(eyes[order], gazes[order], found[order], room[order])
+
+
+def more_uses(plan: Placement, image: int, eyes: Floats, gazes: Floats, region: Floats, wanted: int) -> Uses:
+    """More frames for which a plan gives an image, near some that are known.
+
+    Parameters
+    ----------
+    plan : Plan
+    image : int
+    eyes, gazes : (K, 3) ndarray of float64
+        The known ones, one at least.
+    region : (2, 3) ndarray of float64
+        Where eyes are.
+    wanted : int
+        Frames; fewer if twice as many tries don't find them.
+    """
+    rng = np.random.default_rng(image)
+    up = np.asarray(plan.up, np.float64) / np.linalg.norm(plan.up)
+    pairs = rng.integers(0, len(eyes), (2 * wanted, 2))
+    # Between two known ones or a little beyond, which stays level if both are, and a little beside.
+    share = rng.uniform(-0.25, 1.25, (2 * wanted, 1))
+    at = eyes[pairs[:, 0]] * (1 - share) + eyes[pairs[:, 1]] * share
+    at += rng.normal(0.0, _BESIDE, at.shape) * (region[1] - region[0])
+    at = np.clip(at, *region)
+    ahead = gazes[pairs[:, 0]] * (1 - share) + gazes[pairs[:, 1]] * share + rng.normal(0.0, _BESIDE, at.shape)
+    if plan.directions == "yaw":
+        ahead -= np.outer(ahead @ up, up)
+    ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
+    kept, room = [], []
+    for index in range(2 * wanted):
+        frame = plan.frame(at[index], ahead[index])
+        if frame.image is not None and frame.image.index == image:
+            kept.append(index)
+            room.append(plan.budget - len(frame.faces))
+            if len(kept) == wanted:
+                break
+    return Uses(at[kept], ahead[kept], np.full(len(kept), image), np.array(room, np.int64))
 
 
 def _gazes(plan: Placement, rng: np.random.Generator, count: int) -> Floats:
@@ -253,150 +303,170 @@ def picture(
     return DepthImage.from_disparity(color(view), disparity, camera, missing=missing, ids=view.ids)
 
 
-def views_of_use(
-    plan: Placement, index: int, eyes: Floats, gazes: Floats, count: int, size: tuple[int, int]
-) -> list[Camera]:
-    """Construction cameras amid the eyes that use an image.
+@dataclass(frozen=True, eq=False)
+class Painted:
+    """A layered image, and how well it shows what frames see of it that it was not built from.
 
-    Parameters
+    Attributes
     ----------
-    plan : Plan
-    index : int
-        Of the image.
-    eyes, gazes : (K, 3) ndarray of float64
-        Some of its uses, one at least.
-    count : int
-        Cameras wanted; fewer eyes have one each.
-    size : (int, int)
-        Of a frame: the cameras have its pixels.
-
-    Returns
-    -------
-    list of Camera
-        At the middles of groups of eyes, the one nearest to the viewpoint first. They look along the image's gaze, and
-        see what any of the frames sees of the space behind the quadrilateral.
+    image : LayeredDepthImage
+    error : float
+        The root of the mean squared difference to the truth, in grey levels of 255, over the pixels that show what the
+        image stands for; holes count as black.
+    holes : float
+        The share of those pixels of which nothing is known, of the worst frame.
+    judges : int
+        Frames that it was judged by; if all were needed to build it, it was judged by those.
     """
-    viewpoint = plan.viewpoints[plan.images.viewpoint[index]]
-    corners = plan.images.corners[index]
-    central = camera_through(viewpoint, corners, (2, 2))
-    turn = central.world_to_camera[:3, :3]
-    rays = []
-    for gaze in gazes:
-        camera = frame_camera(plan, viewpoint, gaze, size)
-        w, h = size
-        rays.append(camera.unproject([(0, 0), (w, 0), (w, h), (0, h)], np.ones(4)) - viewpoint)
-    slopes = _slopes(np.concatenate(rays) @ turn.T)
-    behind = _slopes((corners - viewpoint) @ turn.T)
-    middles = _middles(eyes, count)
-    middles = middles[np.argsort(np.linalg.norm(middles - viewpoint, axis=1))]
-    tan_x = math.tan(math.radians(plan.fov_x) / 2)
-    focal = np.array([size[0], size[1] * plan.aspect]) / (2 * tan_x)
-    cameras = []
-    for middle in middles:
-        # What is behind the quadrilateral lies between its corners and the directions in which the viewpoint sees them.
-        at = np.concatenate([behind, _slopes((corners - middle) @ turn.T)])
-        low = np.maximum(slopes.min(axis=0), at.min(axis=0))
-        high = np.minimum(slopes.max(axis=0), at.max(axis=0))
-        pixels = np.maximum(np.ceil((high - low) * focal), 1).astype(int)
-        K = np.diag([*focal, 1.0])
-        K[:2, 2] = -low * focal
-        pose = np.eye(4)
-        pose[:3, :3], pose[:3, 3] = turn, -turn @ middle
-        cameras.append(Camera(K, pose, *pixels.tolist()))
-    return cameras
+
+    image: LayeredDepthImage
+    error: float
+    holes: float
+    judges: int
 
 
-def _slopes(rays: Floats) -> Floats:
-    """x / z and y / z, no steeper than cameras are made."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        slopes = np.where(rays[:, 2:] > 0, rays[:, :2] / rays[:, 2:], np.sign(rays[:, :2]) * np.inf)
-    return np.clip(slopes, -_STEEPEST, _STEEPEST)
-
-
-def _middles(points: Floats, count: int) -> Floats:
-    """Means of groups of points: Lloyd's rounds, from points that are far from each other."""
-    if len(points) <= count:
-        return points.copy()
-    chosen = [int(np.linalg.norm(points - points.mean(axis=0), axis=1).argmin())]
-    nearest = np.linalg.norm(points - points[chosen[0]], axis=1)
-    while len(chosen) < count:
-        chosen.append(int(nearest.argmax()))
-        nearest = np.minimum(nearest, np.linalg.norm(points - points[chosen[-1]], axis=1))
-    middles = points[chosen]
-    for _ in range(_ROUNDS):
-        group = np.linalg.norm(points[:, None] - middles, axis=2).argmin(axis=1)
-        for place in range(count):
-            if (group == place).any():
-                middles[place] = points[group == place].mean(axis=0)
-    return middles
-
-
-def paint_image(
+def paint_group(
     plan: Placement,
     scene: Scene,
-    index: int,
-    found: Uses,
+    group: Group,
+    foreground: Foreground,
     *,
     size: tuple[int, int] = (512, 384),
     construction: int = 16,
-    where: Where = "use",
+    max_holes: float = 0.005,
     color: Coloring | None = None,
     threads: int | None = None,
-) -> LayeredDepthImage:
-    """The layered image of one placement.
+) -> Painted:
+    """The layered image of a group of frames.
+
+    Some frames of the group are drawn. One after another those join the layered image of which the others still leave
+    the most unknown, until none leaves more than `max_holes`: the rest has judged it.
 
     Parameters
     ----------
     plan : Plan
     scene : Scene
-    index : int
-        Of the image.
-    found : Uses
-        Frames that get images; an image that none gets has the dissertation's construction images.
+    group : Group
+        One frame at least.
+    foreground : Foreground
+        Of the plan: what the frames draw as geometry is not painted.
     size : (int, int)
-        Of the layered image in pixels: the view through the quadrilateral.
+        Of a frame in pixels. The layered image has its pixels, and as many as all of the group see.
     construction : int
-        Construction images.
-    where : {"use", "paper"}
-        Where they are taken: amid the eyes that use the image, or at the eight places of section 4.3.2.
+        The most frames that may join.
+    max_holes : float
+        Share of a frame's pixels that show what the image stands for.
     color : callable, optional
         Gives a view's colours; `Lit` by default.
     threads : int, optional
         All cores by default.
     """
     color = color or Lit(scene, plan.up)
-    viewpoint = plan.viewpoints[plan.images.viewpoint[index]]
-    corners = plan.images.corners[index]
-    faces = plan.culled(index)
-    eyes, gazes = found.of(index)
-    if where == "use" and len(eyes):
-        # An eye may stand at the viewpoint itself, though few do.
-        views = views_of_use(plan, index, eyes, gazes, construction, size)
-        cameras = [camera_through(viewpoint, corners, size), *views]
-        images = [picture(scene, camera, faces, color, threads=threads) for camera in cameras]
-        central = _between(images, viewpoint, eyes, corners, size)
-    else:
-        distance = float(np.linalg.norm(corners.mean(axis=0) - viewpoint))
-        reach = float(np.linalg.norm(eyes - viewpoint, axis=1).max()) if len(eyes) else distance
-        central, *cameras = construction_cameras(viewpoint, corners, min(reach, distance), size)
-        images = [picture(scene, camera, faces, color, threads=threads) for camera in cameras]
-    return LayeredDepthImage.build(picture(scene, central, faces, color, threads=threads), images, threads=threads)
+    cells = foreground.cells(group.image)
+    chosen = group.some(FRAMES)
+    cameras = [frame_camera(plan, group.eyes[i], group.gazes[i], size) for i in chosen]
+    nearer = [foreground.of(cells, camera, room) for camera, room in zip(cameras, group.room[chosen], strict=True)]
+    faces = plan.culled(group.image)
+    # What they draw as geometry is painted, too: another frame of the group may have less room for it.
+    frames = [picture(scene, _wider(camera), faces, color, threads=threads) for camera in cameras]
+    judges = [_Judge(*frame) for frame in zip(frames, cameras, nearer, strict=True)]
+    central = picture(scene, _amid(frames, group, cameras[0], plan.up), faces, color, threads=threads)
+    merged, left = [0], list(range(1, len(frames)))
+    image = LayeredDepthImage.build(central, [frames[0]], threads=threads)
+    for i in left:
+        judges[i].look(image, threads)
+    while left and len(merged) < construction:
+        # What joins can only fill holes: one that was known to have few has no more now.
+        worst = max(left, key=lambda i: judges[i].holes)
+        if judges[worst].holes <= max_holes:
+            break
+        if judges[worst].joined < len(merged):
+            judges[worst].look(image, threads, len(merged))
+            continue
+        merged.append(worst)
+        left.remove(worst)
+        image = LayeredDepthImage.build(central, [frames[i] for i in merged], threads=threads)
+    for i in left or merged:
+        judges[i].look(image, threads, len(merged))
+    asked = [judges[i] for i in left or merged]
+    pixels = sum(judge.pixels for judge in asked)
+    error = math.sqrt(sum(judge.squares for judge in asked) / (3 * pixels)) if pixels else 0.0
+    return Painted(image, error, max(judge.holes for judge in asked), len(left))
 
 
-def _between(
-    images: list[DepthImage], viewpoint: Floats, eyes: Floats, corners: Floats, size: tuple[int, int]
-) -> Camera:
-    """A camera halfway from the viewpoint to the eyes that use it, which holds what the construction images saw."""
-    turn = images[0].camera.world_to_camera[:3, :3]
-    middle = (1 - _HALFWAY) * viewpoint + _HALFWAY * eyes.mean(axis=0)
-    found = [(image.points()[image.disparity > 0] - middle) @ turn.T for image in images]
-    points = np.concatenate([(corners - middle) @ turn.T, *found])
+class _Judge:
+    """A frame that a layered image is compared with."""
+
+    def __init__(self, frame: DepthImage, camera: Camera, nearer: Nearer) -> None:
+        left, top = (frame.camera.width - camera.width) // 2, (frame.camera.height - camera.height) // 2
+        own = np.s_[top : top + camera.height, left : left + camera.width]
+        self.color, ids = frame.color[own], np.asarray(frame.ids)[own]
+        self.where = (ids != BACKGROUND) & ~np.isin(ids, nearer.faces)
+        self.pixels = int(self.where.sum())
+        # Everything is drawn as geometry: nothing is asked of the image.
+        self.camera = camera.replace(near=nearer.depth) if np.isfinite(nearer.depth) else None
+        self.holes = self.squares = 0.0
+        # How many frames were in the layered image when it was looked at.
+        self.joined = 0
+
+    def look(self, image: LayeredDepthImage, threads: int | None, joined: int = 1) -> None:
+        self.joined = joined
+        if not self.pixels or self.camera is None:
+            return
+        warped = image.warp(self.camera, splat="projected", threads=threads)
+        self.holes = int((warped.hole & self.where).sum()) / self.pixels
+        difference = warped.color[self.where].astype(np.float64) - self.color[self.where]
+        self.squares = float(np.square(difference).sum())
+
+
+def _wider(camera: Camera) -> Camera:
+    """A camera that sees a little more on all sides: eyes that were not asked look beside those that were."""
+    more = [math.ceil(_MARGIN * side) for side in (camera.width, camera.height)]
+    K = camera.K.copy()
+    K[:2, 2] += more
+    return Camera(K, camera.world_to_camera, camera.width + 2 * more[0], camera.height + 2 * more[1])
+
+
+def paint_as_paper(
+    plan: Placement,
+    scene: Scene,
+    group: Group,
+    *,
+    size: tuple[int, int] = (512, 384),
+    color: Coloring | None = None,
+    threads: int | None = None,
+) -> LayeredDepthImage:
+    """The layered image of a placement from the nine cameras of section 4.3.2, `size` pixels through the quadrilateral.
+
+    Its star-shape has the radius of the eyes of the group, or reaches to the quadrilateral.
+    """
+    color = color or Lit(scene, plan.up)
+    viewpoint = plan.viewpoints[plan.images.viewpoint[group.image]]
+    corners = plan.images.corners[group.image]
+    distance = float(np.linalg.norm(corners.mean(axis=0) - viewpoint))
+    reach = float(np.linalg.norm(group.eyes - viewpoint, axis=1).max()) if len(group.eyes) else distance
+    cameras = construction_cameras(viewpoint, corners, min(reach, distance), size)
+    faces = plan.culled(group.image)
+    central, *others = [picture(scene, camera, faces, color, threads=threads) for camera in cameras]
+    return LayeredDepthImage.build(central, others, threads=threads)
+
+
+def _amid(frames: list[DepthImage], group: Group, pixels: Camera, up: Floats) -> Camera:
+    """A camera amid the eyes of a group that looks where they do, sees what they see, and has a camera's pixels."""
+    middle = group.eyes.mean(axis=0)
+    gaze = group.gazes.mean(axis=0)
+    turn = Camera.look_at(middle, middle + gaze, up).world_to_camera[:3, :3]
+    found = [(frame.points()[frame.disparity > 0] - middle) @ turn.T for frame in frames]
+    points = np.concatenate(found)
     points = points[points[:, 2] > 0]
-    slopes = points[:, :2] / points[:, 2:]
-    low, high = np.quantile(slopes[4:] if len(slopes) > 4 else slopes, [_OUTSIDE, 1 - _OUTSIDE], axis=0)
-    focal = np.array(size) / np.maximum(high - low, 1e-6)
+    slopes = np.clip(points[:, :2] / points[:, 2:], -_STEEPEST, _STEEPEST)
+    if not len(slopes):
+        slopes = np.zeros((1, 2))
+    low, high = np.quantile(slopes, [_OUTSIDE, 1 - _OUTSIDE], axis=0)
+    focal = np.diag(pixels.K)[:2]
+    width, height = np.maximum(np.ceil((high - low) * focal), 1).astype(int).tolist()
     K = np.diag([*focal, 1.0])
     K[:2, 2] = -low * focal
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = turn, -turn @ middle
-    return Camera(K, pose, *size)
+    return Camera(K, pose, width, height)

@@ -144,21 +144,22 @@ class Store(Generic[Image]):
         with self._lock:
             return index in self._images or (path is not None and path.exists())
 
-    def missing(self) -> list[int]:
-        """The images that are not in the folder; without one, those that are not in memory.
+    def missing(self, indices: Iterable[int] | None = None) -> list[int]:
+        """Those of some images, of all by default, that are not in the folder; without one, not in memory.
 
         Raises
         ------
         ValueError
             If one is cut off.
         """
-        if self.folder is None:
-            return [index for index in range(self.count) if not self.has(index)]
-        there = {path.name for path in self.folder.glob("*.npz")}
-        for name in sorted(there):
-            if not zipfile.is_zipfile(self.folder / name):
-                raise ValueError(f"{self.folder / name} is not a whole image: delete it, and it will be made again")
-        return [index for index in range(self.count) if f"{index:06d}.npz" not in there]
+        gone = []
+        for index in range(self.count) if indices is None else indices:
+            path = self.path(index)
+            if not self.has(index):
+                gone.append(index)
+            elif path is not None and path.exists() and not zipfile.is_zipfile(path):
+                raise ValueError(f"{path} is not a whole image: delete it, and it will be made again")
+        return gone
 
     def put(self, index: int, image: Image) -> None:
         """Writes an image to its file; without a folder, keeps it in memory."""

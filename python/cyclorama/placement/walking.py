@@ -32,6 +32,12 @@ __all__ = ["path", "walk"]
 Floats = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
+# A frame shows enough of an image to say which share is unknown if this share of its pixels does.
+_ENOUGH = 0.01
+
+# Not the backdrop, and deeper than this share beyond the truth: the backdrop is missing.
+_DEEPER = 0.01
+
 # How often a path swings along each axis, at most.
 _SWINGS = 2.0
 
@@ -71,13 +77,17 @@ def path(low: npt.ArrayLike, high: npt.ArrayLike, frames: int, *, seed: int = 0)
 class _Sums:
     """What is added up along a walk for one display."""
 
+    pixels: int = 0
     squares: float = 0.0
+    all_squares: float = 0.0
     holes: int = 0
+    worst: float = 0.0
     lost: int = 0
     pops: list[float] = field(default_factory=list)
     jumps: list[float] = field(default_factory=list)
     steps: float = 0.0
     pairs: int = 0
+    faces: list[int] = field(default_factory=list)
     ms: list[float] = field(default_factory=list)
     warped: list[float] = field(default_factory=list)
     last: npt.NDArray[np.int16] | None = None
@@ -112,15 +122,18 @@ def walk(
     Returns
     -------
     list of dict
-        A row for each display: `frames` that have an image, of `of`; `pixels`, the share of a picture that truly shows
-        culled faces; over those pixels `psnr`, `holes` (known to be unknown) and `lost` (the backdrop isn't shown);
-        `popping`, `jump` and `step` in grey levels; `faces` drawn, in the mean; `ms` of a frame with an image and
-        `all_ms` of drawing all geometry instead (medians), and `warp_ms` for the backdrop alone.
+        A row for each display: `frames` that have an image, of `of`; `behind`, the share of their pixels that truly
+        show what the image stands for, and `pixels`, the share of those that show what is not drawn as geometry either
+        (`foreground`). Over the latter `psnr`, `holes` (known to be unknown), `worst_holes` (of the worst frame with a
+        hundredth of its pixels from the image) and `lost` (something deeper is shown); over the former `behind_psnr`,
+        `popping` and `jump`; `step` in grey levels, too. `faces` drawn by frames with an image and `in_frustum`, what
+        culling alone would draw, in the mean; `ms` of a frame with an image and `all_ms` of drawing all geometry
+        instead (medians), and `warp_ms` for the backdrop alone.
     """
     at, ahead = np.asarray(eyes, np.float64), np.asarray(gazes, np.float64)
     plan, scene = backdrops.plan, backdrops.scene
     sums = {display: _Sums() for display in displays}
-    pixels, with_image, faces, all_ms = 0, 0, [], []
+    pixels, with_image, all_ms, in_frustum = 0, 0, [], []
     last_image, last_mask = -1, np.zeros(size[::-1], np.bool_)
     with reporter(progress, len(at), "walking") as report:
         for number, (eye, gaze) in enumerate(zip(at, ahead, strict=True)):
@@ -135,21 +148,22 @@ def walk(
                 if mask is None:
                     image = -1 if drawn.stats.image is None else drawn.stats.image
                     mask = _culled(backdrops, drawn, view.ids)
-                    faces.append(drawn.stats.faces)
                     if image >= 0:
                         all_ms.append(elapsed)
+                        in_frustum.append(backdrops.foreground.in_frustum(camera))
                         with_image += 1
                         pixels += int(mask.sum())
                 either = mask | last_mask if number else np.zeros_like(mask)
-                _add(sums[display], drawn, truth, mask, either, image != last_image)
+                own = mask & ~np.isin(view.ids, drawn.nearer)
+                _add(sums[display], drawn, view.depth, truth, (mask, own, either), image != last_image)
             if mask is not None:
                 last_image, last_mask = image, mask
             report(number + 1)
     common: Row = {
         "frames": with_image,
         "of": len(at),
-        "pixels": pixels / max(1, with_image * size[0] * size[1]),
-        "faces": float(np.mean(faces)),
+        "behind": pixels / max(1, with_image * size[0] * size[1]),
+        "in_frustum": float(np.mean(in_frustum or [0])),
         "all_ms": _median(all_ms),
     }
     return [{"display": display, **common, **_row(found, pixels)} for display, found in sums.items()]
@@ -164,11 +178,26 @@ def _culled(backdrops: Backdrops, drawn: Drawn, ids: npt.NDArray[np.uint32]) -> 
     return np.asarray(inside[np.where(ids == BACKGROUND, len(backdrops.scene), ids)])
 
 
-def _add(found: _Sums, drawn: Drawn, truth: npt.NDArray[np.uint8], mask: Mask, either: Mask, changed: bool) -> None:
+def _add(
+    found: _Sums,
+    drawn: Drawn,
+    depth: npt.NDArray[np.float32],
+    truth: npt.NDArray[np.uint8],
+    masks: tuple[Mask, Mask, Mask],
+    changed: bool,
+) -> None:
+    behind, own, either = masks
     error = drawn.color.astype(np.int16) - truth
-    found.squares += float(np.square(error[mask].astype(np.float64)).sum())
-    found.holes += int((drawn.hole & mask).sum())
-    found.lost += int((~drawn.backdrop & mask).sum())
+    squares = np.square(error.astype(np.float64)).sum(axis=2)
+    count, holes = int(own.sum()), int((drawn.hole & own).sum())
+    found.pixels += count
+    found.squares += float(squares[own].sum())
+    found.all_squares += float(squares[behind].sum())
+    found.holes += holes
+    if count >= _ENOUGH * own.size:
+        found.worst = max(found.worst, holes / count)
+    # Faces at one place may be on both sides: then geometry shows what the backdrop would.
+    found.lost += int((~drawn.backdrop & own & ~(drawn.depth <= depth * (1 + _DEEPER))).sum())
     if found.last is not None and either.any():
         change = (error - found.last)[either].astype(np.float64)
         (found.jumps if changed else found.pops).append(math.sqrt(float(np.square(change).mean())))
@@ -178,22 +207,32 @@ def _add(found: _Sums, drawn: Drawn, truth: npt.NDArray[np.uint8], mask: Mask, e
         found.steps += float(np.abs(np.diff(error, axis=axis)[border]).sum()) / 3
         found.pairs += int(border.sum())
     if drawn.stats.image is not None:
+        found.faces.append(drawn.stats.faces)
         found.ms.append(drawn.stats.total)
         found.warped.append(drawn.stats.warped)
 
 
-def _row(found: _Sums, pixels: int) -> Row:
-    mean = found.squares / (3 * pixels) if pixels else math.nan
+def _row(found: _Sums, behind: int) -> Row:
     return {
-        "psnr": 10 * math.log10(255**2 / mean) if mean > 0 else math.inf,
-        "holes": found.holes / max(1, pixels),
-        "lost": found.lost / max(1, pixels),
+        "pixels": found.pixels / max(1, behind),
+        "psnr": _psnr(found.squares, found.pixels),
+        "behind_psnr": _psnr(found.all_squares, behind),
+        "holes": found.holes / max(1, found.pixels),
+        "worst_holes": found.worst,
+        "lost": found.lost / max(1, found.pixels),
         "popping": float(np.mean(found.pops)) if found.pops else math.nan,
         "jump": float(np.mean(found.jumps)) if found.jumps else math.nan,
         "step": found.steps / max(1, found.pairs),
+        "faces": float(np.mean(found.faces or [0])),
         "ms": _median(found.ms),
         "warp_ms": _median(found.warped),
     }
+
+
+def _psnr(squares: float, pixels: int) -> float:
+    if not pixels:
+        return math.nan
+    return 10 * math.log10(255**2 * 3 * pixels / squares) if squares else math.inf
 
 
 def _median(values: list[float]) -> float:
