@@ -9,7 +9,8 @@ use std::ops::Range;
 /// Bits of a sample that hold the face.
 pub const FACE_BITS: u32 = 26;
 
-const FACE_MASK: u64 = (1 << FACE_BITS) - 1;
+/// The bits of a sample that hold the face.
+pub const FACE_MASK: u64 = (1 << FACE_BITS) - 1;
 
 /// What is drawn nowhere near: nearer than anything, of no face.
 pub const CLOSED: u64 = !FACE_MASK;
@@ -146,8 +147,8 @@ pub fn sample(key: Key, face: u32) -> u64 {
 
 /// What a face adds to a key.
 #[inline(always)]
-pub fn tag(face: u32) -> u64 {
-    u64::from(face) ^ FACE_MASK
+pub const fn tag(face: u32) -> u64 {
+    face as u64 ^ FACE_MASK
 }
 
 /// The face of a sample, or [`BACKGROUND`].

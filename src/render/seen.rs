@@ -1,6 +1,6 @@
 //! From an id-buffer to a row of bits.
 
-use super::frame::{CLOSED, Frame, TILE, face_or};
+use super::frame::{CLOSED, FACE_MASK, Frame, TILE, face_or};
 
 /// Marks of faces, a byte each: what a thread keeps to collect them in.
 ///
@@ -18,15 +18,24 @@ impl Seen {
         self.marks.resize((faces + 1).next_multiple_of(64), 0);
         let (marks, nothing) = (&mut self.marks[..], faces as u32);
         let last = marks.len() - 1;
+        let mut mark = |sample: u64| marks[(face_or(sample, nothing) as usize).min(last)] = 1;
         for samples in frame.rows() {
-            for tile in samples.chunks(TILE) {
-                // Whole tiles are closed or none of it.
-                if tile[0] == CLOSED {
+            let (tiles, rest) = samples.as_chunks::<TILE>();
+            for tile in tiles {
+                // One face, or nothing, in all of it, as often. Whole tiles are closed or none of it.
+                let first = tile[0];
+                if tile.iter().fold(0, |differing, &sample| differing | (sample ^ first)) & FACE_MASK == 0 {
+                    if first != CLOSED {
+                        mark(first);
+                    }
                     continue;
                 }
                 for &sample in tile {
-                    marks[(face_or(sample, nothing) as usize).min(last)] = 1;
+                    mark(sample);
                 }
+            }
+            if rest.first() != Some(&CLOSED) {
+                rest.iter().copied().for_each(&mut mark);
             }
         }
         marks[faces] = 0;
