@@ -3,7 +3,7 @@
 //! Each cluster has its own copy of its vertices, so that drawing reads memory in order and projects into what stays
 //! in the first-level cache; vertices on a cluster's border are projected by each cluster that has them.
 
-use super::lanes::Lanes;
+use super::lanes::{Lanes, MOST_LANES, MOST_SINGLES};
 use crate::mesh::Mesh;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
@@ -17,8 +17,9 @@ pub const MOST_VERTICES: usize = 3 * MOST_FACES;
 /// Children of a node.
 pub const WIDTH: usize = 8;
 
-/// Vertices are padded to whole registers of any machine.
-pub const PADDING: usize = 8;
+/// Vertices, and faces, are padded to whole registers of any machine.
+pub const PADDING: usize = MOST_LANES;
+pub const FACE_PADDING: usize = MOST_SINGLES;
 
 /// Boxes of up to [`WIDTH`] children, side by side.
 #[derive(Debug, Clone)]
@@ -66,7 +67,7 @@ pub struct Clusters {
 pub struct Cluster<'a> {
     /// How many faces there are.
     pub count: usize,
-    /// Corners and ids of the faces, padded by repetition to a multiple of [`PADDING`].
+    /// Corners and ids of the faces, padded by repetition to a multiple of [`FACE_PADDING`].
     pub corners: &'a [u32],
     pub ids: &'a [u32],
     /// x, y and z of the vertices, padded by repetition to a multiple of [`PADDING`].
@@ -218,7 +219,7 @@ impl Clusters {
                 self.faces += count;
                 self.ids.extend_from_slice(&built.ids);
                 self.corners.extend_from_slice(&built.corners);
-                let padded = self.ids.len().next_multiple_of(PADDING);
+                let padded = self.ids.len().next_multiple_of(FACE_PADDING);
                 self.ids.resize(padded, built.ids[count - 1]);
                 self.corners.resize(padded, built.corners[count - 1]);
                 let last = built.vertices[built.vertices.len() - 1];
@@ -392,7 +393,7 @@ mod tests {
             for index in 0..clusters.len() as u32 {
                 let Cluster { count, corners, ids, coordinates } = clusters.cluster(index);
                 prop_assert!((1..=MOST_FACES).contains(&count));
-                prop_assert_eq!(ids.len(), count.next_multiple_of(PADDING));
+                prop_assert_eq!(ids.len(), count.next_multiple_of(FACE_PADDING));
                 prop_assert_eq!(corners.len(), ids.len());
                 prop_assert!(ids[count..].iter().all(|&id| id == ids[count - 1]));
                 let [x, y, z] = coordinates;

@@ -1,6 +1,6 @@
 //! Some of the faces that are in clusters: which of a cluster's are to be drawn.
 
-use super::clusters::{Cluster, MOST_FACES, PADDING};
+use super::clusters::{Cluster, FACE_PADDING, MOST_FACES};
 
 /// A set of faces, a bit each.
 #[derive(Debug, Clone)]
@@ -52,7 +52,7 @@ impl Selected {
         if count == cluster.count {
             return Some(*cluster);
         }
-        let padded = count.next_multiple_of(PADDING);
+        let padded = count.next_multiple_of(FACE_PADDING);
         for place in count..padded {
             self.corners[place] = self.corners[count - 1];
             self.ids[place] = self.ids[count - 1];

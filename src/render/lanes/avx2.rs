@@ -1,7 +1,7 @@
 //! Four lanes of AVX2.
 
 use super::super::view::Vertex;
-use super::{Cells, KEPT, Kernel, Lanes, SHIFT, UNSEEN, terms};
+use super::{Cells, KEPT, Kernel, Lanes, SHIFT, Singles, TABLE, UNSEEN, terms};
 use crate::render::frame;
 use std::arch::x86_64::*;
 
@@ -160,10 +160,16 @@ impl Lanes for Four {
     /// All bits of a lane or none.
     type Mask = __m256d;
     type Words = __m256i;
+    type Singles = Eight;
 
     #[inline(always)]
     fn ramp() -> Self {
         Self(within_run!(_mm256_setr_pd(0.0, 1.0, 2.0, 3.0)))
+    }
+
+    #[inline(always)]
+    fn halves(low: f64, _: f64) -> Self {
+        Self::splat(low)
     }
 
     #[inline(always)]
@@ -191,6 +197,11 @@ impl Lanes for Four {
     #[inline(always)]
     unsafe fn store(self, to: *mut f64) {
         within_run!(_mm256_storeu_pd(to, self.0));
+    }
+
+    #[inline(always)]
+    unsafe fn store_f32(self, to: *mut f32) {
+        within_run!(_mm_storeu_ps(to, _mm256_cvtpd_ps(self.0)));
     }
 
     #[inline(always)]
@@ -444,6 +455,23 @@ impl Lanes for Four {
     }
 
     #[inline(always)]
+    unsafe fn append(
+        bits: u32,
+        words: Self::Words,
+        first: u32,
+        steps: *const u32,
+        words_to: *mut u64,
+        places_to: *mut u32,
+    ) {
+        within_run!({
+            let bits = bits as usize;
+            _mm256_storeu_si256(words_to.cast(), compressed(bits, words));
+            let places = _mm_add_epi32(_mm_set1_epi32(first as i32), _mm_loadu_si128(steps.cast()));
+            _mm_storeu_si128(places_to.cast(), compressed_half(bits, places));
+        });
+    }
+
+    #[inline(always)]
     unsafe fn deepen(mask: Self::Mask, words: Self::Words, at: *mut u64) {
         within_run!({
             let old = _mm256_loadu_si256(at.cast());
@@ -451,20 +479,111 @@ impl Lanes for Four {
             _mm256_storeu_si256(at.cast(), _mm256_blendv_epi8(old, words, nearer));
         });
     }
+}
+
+/// A register of AVX2 as float32; as [`Four`], only ever inlined into [`run`].
+#[derive(Clone, Copy)]
+pub struct Eight(__m256);
+
+impl Singles for Eight {
+    const COUNT: usize = 8;
+    type Mask = __m256;
 
     #[inline(always)]
-    unsafe fn append(
-        mask: Self::Mask,
-        words: Self::Words,
-        places: Self,
-        words_to: *mut u64,
-        places_to: *mut u32,
-    ) {
+    fn splat(value: f32) -> Self {
+        Self(within_run!(_mm256_set1_ps(value)))
+    }
+
+    #[inline(always)]
+    unsafe fn store(self, to: *mut f32) {
+        within_run!(_mm256_storeu_ps(to, self.0));
+    }
+
+    #[inline(always)]
+    unsafe fn store_whole(self, to: *mut i32) {
+        within_run!(_mm256_storeu_si256(to.cast(), _mm256_cvttps_epi32(self.0)));
+    }
+
+    #[inline(always)]
+    fn add(self, other: Self) -> Self {
+        Self(within_run!(_mm256_add_ps(self.0, other.0)))
+    }
+
+    #[inline(always)]
+    fn sub(self, other: Self) -> Self {
+        Self(within_run!(_mm256_sub_ps(self.0, other.0)))
+    }
+
+    #[inline(always)]
+    fn mul(self, other: Self) -> Self {
+        Self(within_run!(_mm256_mul_ps(self.0, other.0)))
+    }
+
+    #[inline(always)]
+    fn min(self, other: Self) -> Self {
+        Self(within_run!(_mm256_min_ps(self.0, other.0)))
+    }
+
+    #[inline(always)]
+    fn max(self, other: Self) -> Self {
+        Self(within_run!(_mm256_max_ps(self.0, other.0)))
+    }
+
+    #[inline(always)]
+    fn abs(self) -> Self {
+        Self(within_run!(_mm256_andnot_ps(_mm256_set1_ps(-0.0), self.0)))
+    }
+
+    #[inline(always)]
+    fn ceil(self) -> Self {
+        Self(within_run!(_mm256_ceil_ps(self.0)))
+    }
+
+    #[inline(always)]
+    fn floor(self) -> Self {
+        Self(within_run!(_mm256_floor_ps(self.0)))
+    }
+
+    #[inline(always)]
+    fn times_sign_of(self, other: Self) -> Self {
         within_run!({
-            let bits = _mm256_movemask_pd(mask) as usize;
-            _mm256_storeu_si256(words_to.cast(), compressed(bits, words));
-            let places = compressed_half(bits, _mm256_cvttpd_epi32(places.0));
-            _mm_storeu_si128(places_to.cast(), places);
-        });
+            let sign = _mm256_and_ps(other.0, _mm256_set1_ps(-0.0));
+            Self(_mm256_xor_ps(self.0, sign))
+        })
+    }
+
+    #[inline(always)]
+    fn ge(self, other: Self) -> Self::Mask {
+        within_run!(_mm256_cmp_ps::<_CMP_GE_OQ>(self.0, other.0))
+    }
+
+    #[inline(always)]
+    fn gt(self, other: Self) -> Self::Mask {
+        within_run!(_mm256_cmp_ps::<_CMP_GT_OQ>(self.0, other.0))
+    }
+
+    #[inline(always)]
+    fn add_where(self, mask: Self::Mask, other: Self) -> Self {
+        Self(within_run!(_mm256_add_ps(self.0, _mm256_and_ps(mask, other.0))))
+    }
+
+    #[inline(always)]
+    fn and(a: Self::Mask, b: Self::Mask) -> Self::Mask {
+        within_run!(_mm256_and_ps(a, b))
+    }
+
+    #[inline(always)]
+    fn bits(mask: Self::Mask) -> u32 {
+        within_run!(_mm256_movemask_ps(mask)) as u32
+    }
+
+    #[inline(always)]
+    unsafe fn look_up(table: &[f32; TABLE], _: bool, faces: *const u32, corner: usize) -> Self {
+        within_run!({
+            let faces = _mm256_loadu_si256(faces.cast());
+            let places = _mm256_srlv_epi32(faces, _mm256_set1_epi32(8 * corner as i32));
+            let places = _mm256_and_si256(places, _mm256_set1_epi32(0xff));
+            Self(_mm256_i32gather_ps::<4>(table.as_ptr(), places))
+        })
     }
 }

@@ -1,7 +1,7 @@
 //! Eight lanes of AVX-512.
 
 use super::super::view::Vertex;
-use super::{Cells, KEPT, Kernel, Lanes, SHIFT, UNSEEN, terms};
+use super::{Cells, KEPT, Kernel, Lanes, SHIFT, Singles, TABLE, UNSEEN, terms};
 use crate::render::frame;
 use std::arch::x86_64::*;
 
@@ -69,10 +69,19 @@ impl Lanes for Eight {
     const COUNT: usize = 8;
     type Mask = __mmask8;
     type Words = __m512i;
+    type Singles = Sixteen;
 
     #[inline(always)]
     fn ramp() -> Self {
         Self(within_run!(_mm512_setr_pd(0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0)))
+    }
+
+    #[inline(always)]
+    fn halves(low: f64, high: f64) -> Self {
+        within_run!({
+            let high = _mm512_set1_pd(high);
+            Self(_mm512_mask_broadcastsd_pd(high, 0x0f, _mm_set_sd(low)))
+        })
     }
 
     #[inline(always)]
@@ -100,6 +109,11 @@ impl Lanes for Eight {
     #[inline(always)]
     unsafe fn store(self, to: *mut f64) {
         within_run!(_mm512_storeu_pd(to, self.0));
+    }
+
+    #[inline(always)]
+    unsafe fn store_f32(self, to: *mut f32) {
+        within_run!(_mm256_storeu_ps(to, _mm512_cvtpd_ps(self.0)));
     }
 
     #[inline(always)]
@@ -369,25 +383,144 @@ impl Lanes for Eight {
     }
 
     #[inline(always)]
+    unsafe fn append(
+        bits: u32,
+        words: Self::Words,
+        first: u32,
+        steps: *const u32,
+        words_to: *mut u64,
+        places_to: *mut u32,
+    ) {
+        within_run!({
+            let mask = bits as __mmask8;
+            _mm512_storeu_si512(words_to.cast(), _mm512_maskz_compress_epi64(mask, words));
+            let places = _mm256_add_epi32(_mm256_set1_epi32(first as i32), _mm256_loadu_si256(steps.cast()));
+            _mm256_storeu_si256(places_to.cast(), _mm256_maskz_compress_epi32(mask, places));
+        });
+    }
+
+    #[inline(always)]
     unsafe fn deepen(mask: Self::Mask, words: Self::Words, at: *mut u64) {
         within_run!({
             let old = _mm512_loadu_si512(at.cast());
             _mm512_storeu_si512(at.cast(), _mm512_mask_max_epu64(old, mask, old, words));
         });
     }
+}
+
+/// A register of AVX-512 as float32; as [`Eight`], only ever inlined into [`run`].
+#[derive(Clone, Copy)]
+pub struct Sixteen(__m512);
+
+impl Singles for Sixteen {
+    const COUNT: usize = 16;
+    type Mask = __mmask16;
 
     #[inline(always)]
-    unsafe fn append(
-        mask: Self::Mask,
-        words: Self::Words,
-        places: Self,
-        words_to: *mut u64,
-        places_to: *mut u32,
-    ) {
+    fn splat(value: f32) -> Self {
+        Self(within_run!(_mm512_set1_ps(value)))
+    }
+
+    #[inline(always)]
+    unsafe fn store(self, to: *mut f32) {
+        within_run!(_mm512_storeu_ps(to, self.0));
+    }
+
+    #[inline(always)]
+    unsafe fn store_whole(self, to: *mut i32) {
+        within_run!(_mm512_storeu_si512(to.cast(), _mm512_cvttps_epi32(self.0)));
+    }
+
+    #[inline(always)]
+    fn add(self, other: Self) -> Self {
+        Self(within_run!(_mm512_add_ps(self.0, other.0)))
+    }
+
+    #[inline(always)]
+    fn sub(self, other: Self) -> Self {
+        Self(within_run!(_mm512_sub_ps(self.0, other.0)))
+    }
+
+    #[inline(always)]
+    fn mul(self, other: Self) -> Self {
+        Self(within_run!(_mm512_mul_ps(self.0, other.0)))
+    }
+
+    #[inline(always)]
+    fn min(self, other: Self) -> Self {
+        Self(within_run!(_mm512_min_ps(self.0, other.0)))
+    }
+
+    #[inline(always)]
+    fn max(self, other: Self) -> Self {
+        Self(within_run!(_mm512_max_ps(self.0, other.0)))
+    }
+
+    #[inline(always)]
+    fn abs(self) -> Self {
+        Self(within_run!(_mm512_abs_ps(self.0)))
+    }
+
+    #[inline(always)]
+    fn ceil(self) -> Self {
+        const UP: i32 = _MM_FROUND_TO_POS_INF | _MM_FROUND_NO_EXC;
+        Self(within_run!(_mm512_roundscale_ps::<UP>(self.0)))
+    }
+
+    #[inline(always)]
+    fn floor(self) -> Self {
+        const DOWN: i32 = _MM_FROUND_TO_NEG_INF | _MM_FROUND_NO_EXC;
+        Self(within_run!(_mm512_roundscale_ps::<DOWN>(self.0)))
+    }
+
+    #[inline(always)]
+    fn times_sign_of(self, other: Self) -> Self {
         within_run!({
-            _mm512_storeu_si512(words_to.cast(), _mm512_maskz_compress_epi64(mask, words));
-            let places = _mm256_maskz_compress_epi32(mask, _mm512_cvttpd_epi32(places.0));
-            _mm256_storeu_si256(places_to.cast(), places);
-        });
+            let sign = _mm512_and_ps(other.0, _mm512_set1_ps(-0.0));
+            Self(_mm512_xor_ps(self.0, sign))
+        })
+    }
+
+    #[inline(always)]
+    fn ge(self, other: Self) -> Self::Mask {
+        within_run!(_mm512_cmp_ps_mask::<_CMP_GE_OQ>(self.0, other.0))
+    }
+
+    #[inline(always)]
+    fn gt(self, other: Self) -> Self::Mask {
+        within_run!(_mm512_cmp_ps_mask::<_CMP_GT_OQ>(self.0, other.0))
+    }
+
+    #[inline(always)]
+    fn add_where(self, mask: Self::Mask, other: Self) -> Self {
+        Self(within_run!(_mm512_mask_add_ps(self.0, mask, self.0, other.0)))
+    }
+
+    #[inline(always)]
+    fn and(a: Self::Mask, b: Self::Mask) -> Self::Mask {
+        a & b
+    }
+
+    #[inline(always)]
+    fn bits(mask: Self::Mask) -> u32 {
+        mask.into()
+    }
+
+    #[inline(always)]
+    unsafe fn look_up(table: &[f32; TABLE], few: bool, faces: *const u32, corner: usize) -> Self {
+        within_run!({
+            let faces = _mm512_loadu_si512(faces.cast());
+            let places = _mm512_srlv_epi32(faces, _mm512_set1_epi32(8 * corner as i32));
+            if few {
+                // Only the lowest bits of a place are looked at.
+                let part = |first: usize| _mm512_loadu_ps(table.as_ptr().add(first));
+                let low = _mm512_permutex2var_ps(part(0), places, part(16));
+                let high = _mm512_permutex2var_ps(part(32), places, part(48));
+                let upper = _mm512_test_epi32_mask(places, _mm512_set1_epi32(32));
+                return Self(_mm512_mask_blend_ps(upper, low, high));
+            }
+            let places = _mm512_and_si512(places, _mm512_set1_epi32(0xff));
+            Self(_mm512_i32gather_ps::<4>(places, table.as_ptr()))
+        })
     }
 }

@@ -1,4 +1,4 @@
-//! Several float64 at once: one set of kernels for every instruction set.
+//! Several float64, or twice as many float32, at once: one set of kernels for every instruction set.
 //!
 //! The kernels are written once over [`Lanes`] and compiled for each implementation inside a function that has its
 //! features ([`with_lanes`]); all their parts are inlined into it. Every operation rounds as the scalar one does and
@@ -28,6 +28,63 @@ use std::sync::atomic::{AtomicU8, Ordering};
 /// Registers hold at most so many lanes.
 pub const MOST_LANES: usize = 8;
 
+/// Registers hold at most so many float32.
+pub const MOST_SINGLES: usize = 16;
+
+/// Entries of what vertices are looked up in: as many as a byte can name.
+pub const TABLE: usize = 256;
+
+/// Entries of the part of it that some instruction sets hold in registers.
+pub const FEW: usize = 64;
+
+/// A register of float32: for what need not be exact, only on the safe side.
+///
+/// The unsafe methods read or write [`COUNT`](Self::COUNT) entries from a pointer on, which must be there.
+pub trait Singles: Copy {
+    /// Lanes in a register; a multiple of [`Lanes::COUNT`] that divides [`MOST_SINGLES`].
+    const COUNT: usize;
+    /// A truth value for each lane.
+    type Mask: Copy;
+
+    fn splat(value: f32) -> Self;
+    /// # Safety
+    /// As said of the trait.
+    unsafe fn store(self, to: *mut f32);
+    /// Writes whole numbers.
+    ///
+    /// # Safety
+    /// As said of the trait.
+    unsafe fn store_whole(self, to: *mut i32);
+    fn add(self, other: Self) -> Self;
+    fn sub(self, other: Self) -> Self;
+    fn mul(self, other: Self) -> Self;
+    /// The lesser; `other` if either is NaN.
+    fn min(self, other: Self) -> Self;
+    /// The greater; `other` if either is NaN.
+    fn max(self, other: Self) -> Self;
+    fn abs(self) -> Self;
+    /// The next whole number; of no more than 2^22 on any side.
+    fn ceil(self) -> Self;
+    /// The last whole number; of no more than 2^22 on any side.
+    fn floor(self) -> Self;
+    /// Negated where `other` is negative.
+    fn times_sign_of(self, other: Self) -> Self;
+    /// Never true of NaN.
+    fn ge(self, other: Self) -> Self::Mask;
+    /// Never true of NaN.
+    fn gt(self, other: Self) -> Self::Mask;
+    /// With `other` added where the mask is set.
+    fn add_where(self, mask: Self::Mask, other: Self) -> Self;
+    fn and(a: Self::Mask, b: Self::Mask) -> Self::Mask;
+    /// The lowest bits, a bit a lane.
+    fn bits(mask: Self::Mask) -> u32;
+    /// Entries of a table: `corner` picks from each packed face. `few` promises that they are among the first [`FEW`].
+    ///
+    /// # Safety
+    /// As said of the trait, of `faces`.
+    unsafe fn look_up(table: &[f32; TABLE], few: bool, faces: *const u32, corner: usize) -> Self;
+}
+
 /// A register of float64.
 ///
 /// The unsafe methods read or write [`COUNT`](Self::COUNT) entries from a pointer on, which must be there.
@@ -38,10 +95,14 @@ pub trait Lanes: Copy + Packing {
     type Mask: Copy;
     /// An unsigned 64-bit word for each lane.
     type Words: Copy;
+    /// Registers of float32.
+    type Singles: Singles;
 
     fn splat(value: f64) -> Self;
     /// 0, 1, 2 and so on.
     fn ramp() -> Self;
+    /// `low` in the first four lanes, `high` in all others.
+    fn halves(low: f64, high: f64) -> Self;
     /// Asks for memory that will be read soon.
     fn prefetch<T>(memory: &[T]);
     /// # Safety
@@ -53,6 +114,11 @@ pub trait Lanes: Copy + Packing {
     /// # Safety
     /// As said of the trait.
     unsafe fn store(self, to: *mut f64);
+    /// Rounds to the nearest float32.
+    ///
+    /// # Safety
+    /// As said of the trait.
+    unsafe fn store_f32(self, to: *mut f32);
     fn add(self, other: Self) -> Self;
     fn sub(self, other: Self) -> Self;
     fn mul(self, other: Self) -> Self;
@@ -146,14 +212,15 @@ pub trait Lanes: Copy + Packing {
     /// # Safety
     /// As said of the trait.
     unsafe fn deepen(mask: Self::Mask, words: Self::Words, at: *mut u64);
-    /// Appends the lanes that are set: their words, and the whole numbers in `places`.
+    /// Appends the lanes whose bits are set: their words, and `first` and their steps from there.
     ///
     /// # Safety
-    /// There is room for [`COUNT`](Self::COUNT) entries from `words_to` and `places_to` on.
+    /// As said of the trait, of all pointers.
     unsafe fn append(
-        mask: Self::Mask,
+        bits: u32,
         words: Self::Words,
-        places: Self,
+        first: u32,
+        steps: *const u32,
         words_to: *mut u64,
         places_to: *mut u32,
     );

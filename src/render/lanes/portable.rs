@@ -2,7 +2,7 @@
 
 use super::super::clusters::unpack;
 use super::super::view::Vertex;
-use super::{Cells, KEPT, Lanes, SHIFT, UNSEEN, terms};
+use super::{Cells, KEPT, Lanes, SHIFT, Singles, TABLE, UNSEEN, terms};
 use crate::render::frame;
 
 const COUNT: usize = 4;
@@ -64,10 +64,16 @@ impl Lanes for Four {
     /// All bits of a lane or none.
     type Mask = [u64; COUNT];
     type Words = [u64; COUNT];
+    type Singles = FourSingles;
 
     #[inline(always)]
     fn ramp() -> Self {
         Self(std::array::from_fn(|lane| lane as f64))
+    }
+
+    #[inline(always)]
+    fn halves(low: f64, _: f64) -> Self {
+        Self::splat(low)
     }
 
     #[inline(always)]
@@ -94,6 +100,12 @@ impl Lanes for Four {
     unsafe fn store(self, to: *mut f64) {
         // SAFETY: the lanes are there, as the trait asks.
         unsafe { to.cast::<[f64; COUNT]>().write(self.0) }
+    }
+
+    #[inline(always)]
+    unsafe fn store_f32(self, to: *mut f32) {
+        // SAFETY: the lanes are there, as the trait asks.
+        unsafe { to.cast::<[f32; COUNT]>().write(self.0.map(|lane| lane as f32)) }
     }
 
     #[inline(always)]
@@ -320,29 +332,157 @@ impl Lanes for Four {
     }
 
     #[inline(always)]
+    unsafe fn append(
+        bits: u32,
+        words: Self::Words,
+        first: u32,
+        steps: *const u32,
+        words_to: *mut u64,
+        places_to: *mut u32,
+    ) {
+        let mut count = 0;
+        for (lane, word) in words.into_iter().enumerate() {
+            // SAFETY: there is room for as many entries as lanes, as the trait asks.
+            unsafe {
+                *words_to.add(count) = word;
+                *places_to.add(count) = first + *steps.add(lane);
+            }
+            count += (bits >> lane & 1) as usize;
+        }
+    }
+
+    #[inline(always)]
     unsafe fn deepen(mask: Self::Mask, words: Self::Words, at: *mut u64) {
         for lane in 0..COUNT {
             // SAFETY: the lanes are there, as the trait asks.
             unsafe { *at.add(lane) = (words[lane] & mask[lane]).max(*at.add(lane)) }
         }
     }
+}
+
+/// A sum with this ends in the bits of the nearest whole number, as with [`WHOLE`].
+const WHOLE_SINGLE: f32 = 1.5 * (1_u32 << 23) as f32;
+
+#[derive(Clone, Copy)]
+pub struct FourSingles([f32; COUNT]);
+
+impl FourSingles {
+    #[inline(always)]
+    fn each(self, other: Self, f: impl Fn(f32, f32) -> f32) -> Self {
+        Self(std::array::from_fn(|lane| f(self.0[lane], other.0[lane])))
+    }
 
     #[inline(always)]
-    unsafe fn append(
-        mask: Self::Mask,
-        words: Self::Words,
-        places: Self,
-        words_to: *mut u64,
-        places_to: *mut u32,
-    ) {
-        let mut count = 0;
-        for lane in 0..COUNT {
-            // SAFETY: there is room for as many entries as lanes, as the trait asks.
-            unsafe {
-                *words_to.add(count) = words[lane];
-                *places_to.add(count) = (places.0[lane] + WHOLE).to_bits() as u32;
-            }
-            count += (mask[lane] & 1) as usize;
-        }
+    fn test(self, other: Self, f: impl Fn(f32, f32) -> bool) -> [u32; COUNT] {
+        std::array::from_fn(|lane| if f(self.0[lane], other.0[lane]) { u32::MAX } else { 0 })
+    }
+}
+
+impl Singles for FourSingles {
+    const COUNT: usize = COUNT;
+    /// All bits of a lane or none.
+    type Mask = [u32; COUNT];
+
+    #[inline(always)]
+    fn splat(value: f32) -> Self {
+        Self([value; COUNT])
+    }
+
+    #[inline(always)]
+    unsafe fn store(self, to: *mut f32) {
+        // SAFETY: the lanes are there, as the trait asks.
+        unsafe { to.cast::<[f32; COUNT]>().write(self.0) }
+    }
+
+    #[inline(always)]
+    unsafe fn store_whole(self, to: *mut i32) {
+        // The nearest is the number itself; its sign is that of the bits' lower half.
+        let whole =
+            self.0.map(|lane| (lane + WHOLE_SINGLE).to_bits().wrapping_sub(WHOLE_SINGLE.to_bits()) as i32);
+        // SAFETY: the lanes are there, as the trait asks.
+        unsafe { to.cast::<[i32; COUNT]>().write(whole) }
+    }
+
+    #[inline(always)]
+    fn add(self, other: Self) -> Self {
+        self.each(other, |a, b| a + b)
+    }
+
+    #[inline(always)]
+    fn sub(self, other: Self) -> Self {
+        self.each(other, |a, b| a - b)
+    }
+
+    #[inline(always)]
+    fn mul(self, other: Self) -> Self {
+        self.each(other, |a, b| a * b)
+    }
+
+    #[inline(always)]
+    fn min(self, other: Self) -> Self {
+        self.each(other, |a, b| if a < b { a } else { b })
+    }
+
+    #[inline(always)]
+    fn max(self, other: Self) -> Self {
+        self.each(other, |a, b| if a > b { a } else { b })
+    }
+
+    #[inline(always)]
+    fn abs(self) -> Self {
+        Self(self.0.map(f32::abs))
+    }
+
+    #[inline(always)]
+    fn ceil(self) -> Self {
+        Self(self.0.map(|x| {
+            let nearest = x + WHOLE_SINGLE - WHOLE_SINGLE;
+            nearest + if nearest < x { 1.0 } else { 0.0 }
+        }))
+    }
+
+    #[inline(always)]
+    fn floor(self) -> Self {
+        Self(self.0.map(|x| {
+            let nearest = x + WHOLE_SINGLE - WHOLE_SINGLE;
+            nearest - if nearest > x { 1.0 } else { 0.0 }
+        }))
+    }
+
+    #[inline(always)]
+    fn times_sign_of(self, other: Self) -> Self {
+        self.each(other, |a, b| f32::from_bits(a.to_bits() ^ (b.to_bits() & 1 << 31)))
+    }
+
+    #[inline(always)]
+    fn ge(self, other: Self) -> Self::Mask {
+        self.test(other, |a, b| a >= b)
+    }
+
+    #[inline(always)]
+    fn gt(self, other: Self) -> Self::Mask {
+        self.test(other, |a, b| a > b)
+    }
+
+    #[inline(always)]
+    fn add_where(self, mask: Self::Mask, other: Self) -> Self {
+        Self(std::array::from_fn(|lane| self.0[lane] + f32::from_bits(other.0[lane].to_bits() & mask[lane])))
+    }
+
+    #[inline(always)]
+    fn and(a: Self::Mask, b: Self::Mask) -> Self::Mask {
+        std::array::from_fn(|lane| a[lane] & b[lane])
+    }
+
+    #[inline(always)]
+    fn bits(mask: Self::Mask) -> u32 {
+        mask.iter().enumerate().map(|(lane, &all)| all & 1 << lane).sum()
+    }
+
+    #[inline(always)]
+    unsafe fn look_up(table: &[f32; TABLE], _: bool, faces: *const u32, corner: usize) -> Self {
+        // SAFETY: the lanes are there, as the trait asks.
+        let faces = unsafe { faces.cast::<[u32; COUNT]>().read_unaligned() };
+        Self(faces.map(|face| table[(face >> (8 * corner) & 0xff) as usize]))
     }
 }

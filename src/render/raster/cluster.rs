@@ -1,12 +1,9 @@
 //! A cluster made ready for drawing: its vertices projected, its faces sorted by their boxes.
 
 use super::super::clusters::{Cluster, MOST_FACES, PADDING, unpack};
-use super::super::lanes::{Cells, Lanes, MOST_LANES, UNSEEN};
+use super::super::lanes::{Cells, Lanes, MOST_LANES, TABLE, UNSEEN};
 use super::super::pyramid::PixelBox;
 use super::super::view::{Vertex, View};
-
-/// Faces whose box is at most this many pixels wide and high are drawn several at a time.
-pub const SMALL: i16 = 4;
 
 /// Faces that a box, side by side; the ends are padded so that whole registers can be read.
 pub struct List {
@@ -41,10 +38,16 @@ impl List {
     /// Appends an entry of another list.
     #[inline(always)]
     pub fn copy(&mut self, other: &Self, entry: usize) {
+        self.push(other.corners[entry], other.ids[entry], other.cells[entry]);
+    }
+
+    /// Appends a face and its box.
+    #[inline(always)]
+    pub fn push(&mut self, corners: u32, id: u32, cells: Cells) {
         let at = self.count;
-        self.corners[at] = other.corners[entry];
-        self.ids[at] = other.ids[entry];
-        self.cells[at] = other.cells[entry];
+        self.corners[at] = corners;
+        self.ids[at] = id;
+        self.cells[at] = cells;
         self.count += 1;
     }
 
@@ -57,24 +60,38 @@ impl List {
     }
 }
 
-/// Vertices that a byte can name.
-const ROOM: usize = 256;
+/// Vertices on the image as float32, to be on the safe side with.
+pub struct Screen {
+    /// Columns and rows from a pixel's centre on, rounded to the nearest; NaN at and behind the eye's plane.
+    pub x: [f32; TABLE],
+    pub y: [f32; TABLE],
+    /// [Values](Vertex::value), rounded towards the eye.
+    pub near: [f32; TABLE],
+}
+
+/// Depths below this are treated as behind the eye: products of them would vanish. Orthographic ones are 1.
+const LEAST_DEPTH: f64 = 1e-60;
+
+/// What a rounding to float32 is made up for with.
+const ROUNDING: f64 = f32::EPSILON as f64;
 
 /// Room for one cluster.
 pub struct Projected {
-    pub vertices: [Vertex; ROOM],
-    cells: [Cells; ROOM],
+    pub vertices: [Vertex; TABLE],
+    cells: [Cells; TABLE],
+    pub screen: Screen,
     pub small: List,
     pub large: List,
-    /// Faces with a corner at or behind the eye's plane.
+    /// Faces with a corner at or behind the eye's plane, and what else wants a closer look.
     pub straddling: List,
 }
 
 impl Default for Projected {
     fn default() -> Self {
         Self {
-            vertices: [Vertex::default(); ROOM],
-            cells: [UNSEEN; ROOM],
+            vertices: [Vertex::default(); TABLE],
+            cells: [UNSEEN; TABLE],
+            screen: Screen { x: [0.0; TABLE], y: [0.0; TABLE], near: [0.0; TABLE] },
             small: List::EMPTY,
             large: List::EMPTY,
             straddling: List::EMPTY,
@@ -99,25 +116,16 @@ impl Projected {
     ) {
         let [xs, ys, zs] = cluster.coordinates;
         let count = xs.len();
-        assert!(count <= ROOM && count.is_multiple_of(PADDING));
+        assert!(count <= TABLE && count.is_multiple_of(PADDING));
         assert!(ys.len() == count && zs.len() == count);
-        let m = &view.matrix;
-        let to_x = splat([m.x_axis.x, m.y_axis.x, m.z_axis.x, view.offset.x]);
-        let to_y = splat([m.x_axis.y, m.y_axis.y, m.z_axis.y, view.offset.y]);
-        let to_w = splat([m.x_axis.z, m.y_axis.z, m.z_axis.z, view.offset.z]);
-        let to_depth = splat([view.axis.x, view.axis.y, view.axis.z, view.distance]);
-        let half = [L::splat(view.half()[0]), L::splat(view.half()[1])];
-        let one = L::splat(1.0);
+        let transform = Transform::<L>::new(view);
         let reach = L::splat(1e-6 + reach);
         for at in (0..count).step_by(L::COUNT) {
             // SAFETY: the count is a multiple of the lanes, and all arrays hold as many.
             let p = unsafe {
                 [L::load(xs.as_ptr().add(at)), L::load(ys.as_ptr().add(at)), L::load(zs.as_ptr().add(at))]
             };
-            let (x, y, w) = (along(to_x, p), along(to_y, p), along(to_w, p));
-            let inverse = one.div(w);
-            let value = if PERSPECTIVE { inverse } else { along(to_depth, p) };
-            let screen = [x.mul(inverse).add(half[0]), y.mul(inverse).add(half[1])];
+            let ([x, y, w, value], screen) = transform.at::<PERSPECTIVE>(p);
             let error = [error(screen[0], reach), error(screen[1], reach)];
             let up = [screen[0].sub(error[0]), screen[1].sub(error[1])];
             let down = [screen[0].add(error[0]), screen[1].add(error[1])];
@@ -128,6 +136,45 @@ impl Projected {
             unsafe {
                 L::store_vertices([x, y, w, value], self.vertices.as_mut_ptr().add(at));
                 L::store_cells(up, down, seen, self.cells.as_mut_ptr().add(at));
+            }
+        }
+    }
+
+    /// [`project`](Self::project) to the [screen](Screen), of which `origin` is the first pixel.
+    #[inline(always)]
+    pub fn place<L: Lanes, const PERSPECTIVE: bool>(
+        &mut self,
+        view: &View,
+        cluster: &Cluster<'_>,
+        origin: [usize; 2],
+    ) {
+        let [xs, ys, zs] = cluster.coordinates;
+        let count = xs.len();
+        assert!(count <= TABLE && count.is_multiple_of(PADDING));
+        assert!(ys.len() == count && zs.len() == count);
+        let transform = Transform::<L>::new(view);
+        let [left, top] = origin.map(|first| L::splat(first as f64));
+        // Products of any farther would overflow.
+        let most = L::splat(1e15);
+        for at in (0..count).step_by(L::COUNT) {
+            // SAFETY: the count is a multiple of the lanes, and all arrays hold as many.
+            let p = unsafe {
+                [L::load(xs.as_ptr().add(at)), L::load(ys.as_ptr().add(at)), L::load(zs.as_ptr().add(at))]
+            };
+            let (vertices, screen) = transform.at::<PERSPECTIVE>(p);
+            let [_, _, w, value] = vertices;
+            let (x, y) = (screen[0].sub(left), screen[1].sub(top));
+            let finite = L::and(most.gt(x.abs()), most.gt(y.abs()));
+            let seen = L::and(w.gt(L::splat(LEAST_DEPTH)), finite);
+            // Orthographic values grow away from the eye.
+            let rounding = value.abs().mul(L::splat(ROUNDING));
+            let near = if PERSPECTIVE { value.add(rounding) } else { value.sub(rounding) };
+            // SAFETY: as above.
+            unsafe {
+                L::store_vertices(vertices, self.vertices.as_mut_ptr().add(at));
+                L::select(seen, x, L::splat(f64::NAN)).store_f32(self.screen.x.as_mut_ptr().add(at));
+                y.store_f32(self.screen.y.as_mut_ptr().add(at));
+                near.store_f32(self.screen.near.as_mut_ptr().add(at));
             }
         }
     }
@@ -160,6 +207,38 @@ impl Projected {
                 self.straddling.append::<L>(unseen, cells, from);
             }
         }
+    }
+}
+
+/// [`View::project`] and [`View::screen`] for several points.
+struct Transform<L: Lanes> {
+    x: [L; 4],
+    y: [L; 4],
+    w: [L; 4],
+    depth: [L; 4],
+    half: [L; 2],
+}
+
+impl<L: Lanes> Transform<L> {
+    #[inline(always)]
+    fn new(view: &View) -> Self {
+        let m = &view.matrix;
+        Self {
+            x: splat([m.x_axis.x, m.y_axis.x, m.z_axis.x, view.offset.x]),
+            y: splat([m.x_axis.y, m.y_axis.y, m.z_axis.y, view.offset.y]),
+            w: splat([m.x_axis.z, m.y_axis.z, m.z_axis.z, view.offset.z]),
+            depth: splat([view.axis.x, view.axis.y, view.axis.z, view.distance]),
+            half: [L::splat(view.half()[0]), L::splat(view.half()[1])],
+        }
+    }
+
+    /// Homogeneous coordinates and values; columns and rows.
+    #[inline(always)]
+    fn at<const PERSPECTIVE: bool>(&self, p: [L; 3]) -> ([L; 4], [L; 2]) {
+        let (x, y, w) = (along(self.x, p), along(self.y, p), along(self.w, p));
+        let inverse = L::splat(1.0).div(w);
+        let value = if PERSPECTIVE { inverse } else { along(self.depth, p) };
+        ([x, y, w, value], [x.mul(inverse).add(self.half[0]), y.mul(inverse).add(self.half[1])])
     }
 }
 

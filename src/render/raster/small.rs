@@ -1,15 +1,16 @@
-//! Faces of a few pixels: a register of them at a time, pixel by pixel of their boxes.
+//! Faces of a few pixels, once a [sieve](super::sieve) has found which: their depths, a register of faces at a time.
 
+use super::super::clusters::MOST_FACES;
 use super::super::frame::Band;
-use super::super::lanes::{Lanes, MOST_LANES};
+use super::super::lanes::{Lanes, MOST_LANES, TABLE};
 use super::super::triangle::{EDGE_ON, KEY_RANGE};
-use super::super::view::View;
-use super::cluster::{Projected, SMALL};
+use super::super::view::{Vertex, View};
+use super::sieve::{SMALL, Shown};
 
-/// Samples found while faces are tested, put into the image together.
+/// Samples found while the faces of a cluster are drawn, put into the image together.
 ///
-/// Where each goes is only known lane by lane; gathered in a list they take one loop without surprises for the
-/// processor.
+/// Neighbours share registers of the image: what one wrote the next would wait for. Gathered in a list they take one loop
+/// without surprises for the processor.
 pub struct Hits {
     count: usize,
     words: [u64; Self::ROOM],
@@ -17,8 +18,33 @@ pub struct Hits {
 }
 
 impl Hits {
-    /// What one batch of faces can find, and a register past the end.
-    const ROOM: usize = (SMALL as usize * SMALL as usize + 1) * MOST_LANES;
+    /// What a cluster's faces can find, and a register past the end.
+    const ROOM: usize = MOST_FACES * SMALL * SMALL + MOST_LANES;
+
+    /// Appends the words whose bits are set, `steps` from `place` on.
+    #[inline(always)]
+    fn add<L: Lanes>(&mut self, bits: u32, words: L::Words, place: u32, steps: &[u32; MOST_LANES]) {
+        debug_assert!(self.count + L::COUNT <= Self::ROOM);
+        // SAFETY: a cluster has at most MOST_FACES faces, a face adds at most SMALL x SMALL samples, and what is there is
+        // put into the image after each cluster: with ROOM for one register more, there is room for this.
+        unsafe {
+            let words_to = self.words.as_mut_ptr().add(self.count);
+            let places_to = self.places.as_mut_ptr().add(self.count);
+            L::append(bits, words, place, steps.as_ptr(), words_to, places_to);
+        }
+        self.count += bits.count_ones() as usize;
+    }
+
+    /// Puts what was found into the image.
+    #[inline(always)]
+    fn put(&mut self, band: &mut Band<'_>) {
+        let samples = &mut *band.samples;
+        for (&word, &place) in self.words[..self.count].iter().zip(&self.places[..self.count]) {
+            let sample = &mut samples[place as usize];
+            *sample = word.max(*sample);
+        }
+        self.count = 0;
+    }
 }
 
 impl Default for Hits {
@@ -68,115 +94,91 @@ impl<L: Lanes> Setup<L> {
     }
 }
 
-/// Draws the small faces of a cluster.
+/// Draws the faces that a sieve has left.
 #[inline(always)]
 pub fn draw<L: Lanes, const PERSPECTIVE: bool>(
     view: &View,
-    projected: &Projected,
+    vertices: &[Vertex; TABLE],
+    shown: &Shown,
     band: &mut Band<'_>,
     hits: &mut Hits,
 ) {
-    let list = &projected.small;
-    for at in (0..list.count).step_by(L::COUNT) {
-        let real = L::mask((1_u32 << (list.count - at).min(L::COUNT)) - 1);
-        // SAFETY: lists are padded by a register of entries, whose corners are vertices of the cluster.
-        let (setup, cells, tags) = unsafe {
-            let faces = list.corners.as_ptr().add(at);
-            let vertices = projected.vertices.as_ptr();
-            let corners =
-                [L::gather(vertices, faces, 0), L::gather(vertices, faces, 1), L::gather(vertices, faces, 2)];
-            let setup = Setup::<L>::new::<PERSPECTIVE>(corners);
-            (setup, L::load_cells(list.cells.as_ptr().add(at)), L::tags(list.ids.as_ptr().add(at)))
-        };
-        let mask = L::and(setup.good, real);
-        fill::<L, PERSPECTIVE>(view, &setup, mask, cells, tags, band, hits);
-        hits.put(band);
+    let seen = view.seen();
+    let (low, most) = (L::splat(seen[0]), L::splat(seen[1]));
+    // A register holds so many lines of pixels.
+    let lines = L::COUNT / SMALL;
+    // SAFETY: the array holds the lanes of any register.
+    let columns = unsafe { L::load([0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0].as_ptr()) };
+    let mut steps = [[0; MOST_LANES]; SMALL];
+    for (line, steps) in steps.iter_mut().enumerate() {
+        for (lane, step) in steps.iter_mut().enumerate() {
+            *step = ((line + lane / SMALL) * band.stride + lane % SMALL) as u32;
+        }
     }
+    let keys = [L::splat(KEY_RANGE[0]), L::splat(KEY_RANGE[1])];
+    for at in (0..shown.count).step_by(L::COUNT) {
+        let count = (shown.count - at).min(L::COUNT);
+        let real = (1_u32 << count) - 1;
+        // SAFETY: what is shown is padded by a register of entries, whose corners are vertices of the cluster or, at
+        // worst, others that there is room for.
+        let (corners, top, tags) = unsafe {
+            let faces = shown.corners[at..at + L::COUNT].as_ptr();
+            let vertices = vertices.as_ptr();
+            let a = L::gather(vertices, faces, 0);
+            let b = L::gather(vertices, faces, 1);
+            let c = L::gather(vertices, faces, 2);
+            let top = L::load_f32(shown.rows[at..at + L::COUNT].as_ptr());
+            ([a, b, c], top, L::tags(shown.ids[at..at + L::COUNT].as_ptr()))
+        };
+        let Setup { plane, mut range, good, .. } = Setup::<L>::new::<PERSPECTIVE>(corners);
+        let in_sight = L::bits(L::and(range[0].ge(low), most.ge(range[1])));
+        let all_seen = in_sight & real == real;
+        if all_seen {
+            range = [range[0].max(keys[0]).min(keys[1]), range[1].max(keys[0]).min(keys[1])];
+        }
+        // The constants of the rows of each face.
+        let mut constants = [[0.0; MOST_LANES]; SMALL];
+        let mut y = top.add(L::splat(view.row(0)));
+        for constants in &mut constants {
+            // SAFETY: the arrays hold the lanes of any register.
+            unsafe { plane[1].mul(y).add(plane[2]).store(constants.as_mut_ptr()) };
+            y = y.add(L::splat(1.0));
+        }
+        let (slopes, nearest, farthest) = (lanes(plane[0]), lanes(range[1]), lanes(range[0]));
+        let mut words = [0; MOST_LANES];
+        // SAFETY: the array holds the lanes of any register.
+        unsafe { L::store_words(tags, words.as_mut_ptr()) };
+        // Of faces that are none no pixel is drawn.
+        let good = L::bits(good) & real;
+        for lane in 0..count {
+            let tags = L::splat_word(words[lane]);
+            let range = [L::splat(farthest[lane]), L::splat(nearest[lane])];
+            let column = shown.columns[at + lane] as usize;
+            let along = L::splat(slopes[lane]).mul(columns.add(L::splat(view.column(column))));
+            let pixels = shown.pixels[at + lane] & (good >> lane & 1).wrapping_neg();
+            let place = shown.places[at + lane];
+            for line in (0..SMALL).step_by(lines) {
+                let mut bits = pixels >> (SMALL * line) & ((1 << L::COUNT) - 1);
+                let (low_line, high_line) = (&constants[line], &constants[line + lines - 1]);
+                let value = along.add(L::halves(low_line[lane], high_line[lane]));
+                let mut value = value.max(range[0]).min(range[1]);
+                if !all_seen {
+                    bits &= L::bits(L::and(value.ge(low), most.ge(value)));
+                    value = value.max(keys[0]).min(keys[1]);
+                }
+                hits.add::<L>(bits, L::words::<PERSPECTIVE>(value, tags), place, &steps[line]);
+            }
+        }
+    }
+    hits.put(band);
 }
 
 #[inline(always)]
-fn fill<L: Lanes, const PERSPECTIVE: bool>(
-    view: &View,
-    setup: &Setup<L>,
-    mask: L::Mask,
-    cells: [L; 4],
-    tags: L::Words,
-    band: &Band<'_>,
-    hits: &mut Hits,
-) {
-    let [left, top, right, bottom] = cells;
-    let zero = L::splat(0.0);
-    // Pixels from the first to the last.
-    let wide = zero.sub(left.add(right));
-    let high = zero.sub(top.add(bottom));
-    let none = L::splat(-1.0);
-    let columns = L::select(mask, wide, none).greatest() as i32 + 1;
-    let rows = L::select(mask, high, none).greatest() as i32 + 1;
-    let seen = view.seen();
-    let (low, most) = (L::splat(seen[0]), L::splat(seen[1]));
-    let all_seen = L::bits(L::and(setup.range[0].ge(low), most.ge(setup.range[1]))) == (1 << L::COUNT) - 1;
-    let keys = [L::splat(KEY_RANGE[0]), L::splat(KEY_RANGE[1])];
-    let mut range = setup.range;
-    if all_seen {
-        range = [range[0].max(keys[0]).min(keys[1]), range[1].max(keys[0]).min(keys[1])];
-    }
-    let x = left.add(L::splat(view.column(0)));
-    let mut y = top.add(L::splat(view.row(0)));
-    let first_row = L::splat(band.rows.start as f64);
-    let mut place = top.sub(first_row).mul(L::splat(band.stride as f64)).add(left);
-    let (one, stride) = (L::splat(1.0), L::splat(band.stride as f64));
-    let [e0, e1, e2] = &setup.edges;
-    for row in 0..rows {
-        let in_row = L::and(mask, high.ge(L::splat(f64::from(row))));
-        let c0 = e0[1].mul(y).add(e0[2]);
-        let c1 = e1[1].mul(y).add(e1[2]);
-        let c2 = e2[1].mul(y).add(e2[2]);
-        let constant = setup.plane[1].mul(y).add(setup.plane[2]);
-        let (mut x, mut at) = (x, place);
-        for column in 0..columns {
-            let mut covered = L::and(in_row, wide.ge(L::splat(f64::from(column))));
-            covered = L::and(covered, e0[0].mul(x).add(c0).ge(setup.least[0]));
-            covered = L::and(covered, e1[0].mul(x).add(c1).ge(setup.least[1]));
-            covered = L::and(covered, e2[0].mul(x).add(c2).ge(setup.least[2]));
-            let value = setup.plane[0].mul(x).add(constant).max(range[0]).min(range[1]);
-            if all_seen {
-                hits.add::<L, PERSPECTIVE>(covered, value, tags, at);
-            } else {
-                let covered = L::and(covered, L::and(value.ge(low), most.ge(value)));
-                hits.add::<L, PERSPECTIVE>(covered, value.max(keys[0]).min(keys[1]), tags, at);
-            }
-            x = x.add(one);
-            at = at.add(one);
-        }
-        y = y.add(one);
-        place = place.add(stride);
-    }
-}
-
-impl Hits {
-    #[inline(always)]
-    fn add<L: Lanes, const PERSPECTIVE: bool>(&mut self, mask: L::Mask, value: L, tags: L::Words, place: L) {
-        debug_assert!(self.count + L::COUNT <= Self::ROOM);
-        // SAFETY: a batch adds at most SMALL x SMALL registers, and what it added is put into the image after it: with
-        // ROOM for one register more, there is room for this.
-        unsafe {
-            let words = self.words.as_mut_ptr().add(self.count);
-            let places = self.places.as_mut_ptr().add(self.count);
-            L::append(mask, L::words::<PERSPECTIVE>(value, tags), place, words, places);
-        }
-        self.count += L::bits(mask).count_ones() as usize;
-    }
-
-    /// Puts what was found into the image.
-    #[inline(always)]
-    fn put(&mut self, band: &mut Band<'_>) {
-        let samples = &mut *band.samples;
-        for (&word, &place) in self.words[..self.count].iter().zip(&self.places[..self.count]) {
-            let sample = &mut samples[place as usize];
-            *sample = word.max(*sample);
-        }
-        self.count = 0;
-    }
+fn lanes<L: Lanes>(register: L) -> [f64; MOST_LANES] {
+    let mut lanes = [0.0; MOST_LANES];
+    // SAFETY: the array holds the lanes of any register.
+    unsafe { register.store(lanes.as_mut_ptr()) };
+    lanes
 }
 
 #[inline(always)]
