@@ -288,7 +288,8 @@ def chart_cache(
     paths, title, path
         As for `chart_path`.
     """
-    return chart_path(paths, "ms", title=title, path=path)
+    lines = {name: (np.arange(len(rows)), [row["ms"] for row in rows]) for name, rows in paths.items()}
+    return charts.lines(lines, x="frame", y="milliseconds", title=title, log="y", path=path)
 
 
 def chart_popping(
