@@ -1,12 +1,14 @@
 """The package as a user installs it."""
 
 import re
+import shlex
 import subprocess
 import sys
 import textwrap
 from pathlib import Path
 
 import cyclorama as cyc
+from cyclorama import pages
 from peers import need
 
 
@@ -53,3 +55,28 @@ def test_the_lines_of_the_readme_run(tmp_path, monkeypatch, capsys):
     said = capsys.readouterr().out
     assert "culled on average" in said
     assert "% hole" in said and "violations=0" in said
+
+
+def test_the_five_commands_of_the_readme_lead_to_a_chart_and_a_decision(tmp_path, monkeypatch, capsys):
+    from cyclorama.cli import main
+
+    need("matplotlib")
+    readme = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
+    block = readme.split("in five:\n\n")[1].split("\n\n")[0]
+    install, *lines = [line.split("#")[0].strip() for line in block.splitlines()]
+    assert install == "pip install '.[mesh,viz]'" and len(lines) == 4
+    need("trimesh").creation.icosphere(subdivisions=2).export(tmp_path / "bunny.ply")
+    monkeypatch.chdir(tmp_path)
+    small = {
+        "tradeoff": ["--views", "6", "--patches", "none", "--eval-views", "4", "--resolution", "64x60"],
+        "bake": ["--resolution", "64x60"],
+    }
+    for line in lines:
+        program, *words = shlex.split(line.replace("1e-3", "0.2"))
+        assert program == "cyclorama"
+        if words[0] == "view" and not Path(pages.__file__).with_name("visibility.js").exists():
+            continue
+        assert main([*words, *small.get(words[0], [])]) == 0
+    said = capsys.readouterr().out
+    assert "cheapest with at most 0.2 missed" in said
+    assert {"bunny.ply", "tradeoff.png", "bunny.npz"} <= {path.name for path in tmp_path.iterdir()}
