@@ -319,33 +319,41 @@ def test_a_pole_uncovers_a_hole_as_wide_as_the_parallax():
     assert (nearest.depth[:, pole[-1] + 1] < 2.1).all()
 
 
-def faded(image: cyc.DepthImage, camera: cyc.Camera, side: float) -> np.ndarray:
-    """Colours of a wall's splats averaged with weights that fade to half a pixel beyond their edges, by plain loops."""
+def faded(image: cyc.DepthImage, camera: cyc.Camera, side: float) -> tuple[np.ndarray, np.ndarray]:
+    """Colours of a wall's splats averaged with weights that fade to half a pixel beyond their edges, by plain loops.
+
+    And the pixels that several splats cover, none of which ends within rounding of their centres.
+    """
     pixel, _ = forward_warp.positions(image, camera)
-    sums, weights = np.zeros((camera.height, camera.width, 3)), np.zeros((camera.height, camera.width))
+    shape = camera.height, camera.width
+    sums, weights, count, sure = np.zeros((*shape, 3)), np.zeros(shape), np.zeros(shape, int), np.ones(shape, bool)
     for y, x in np.ndindex(pixel.shape[:2]):
         u, v = pixel[y, x]
         for row in range(max(0, int(v - side)), min(camera.height, int(v + side) + 1)):
             for column in range(max(0, int(u - side)), min(camera.width, int(u + side) + 1)):
                 away = np.abs((column + 0.5 - u, row + 0.5 - v))
+                sure[row, column] &= abs(away.max() - side / 2) > 0.03
                 if (away <= side / 2).all():
                     weight = np.prod(1 - away / (side / 2 + 0.5))
                     sums[row, column] += weight * image.color[y, x]
                     weights[row, column] += weight
-    return sums / np.maximum(weights, 1e-9)[..., None]
+                    count[row, column] += 1
+    return sums / np.maximum(weights, 1e-9)[..., None], (count > 1) & sure
 
 
 @pytest.mark.parametrize("factor", [1.7, 2.0, 2.6])
 def test_the_colours_of_splats_by_disparity_are_averaged_with_weights_that_fade(factor):
     image, camera = plane(6.0), moved((0.05, 0.03, 6.0 - 6.0 / factor))
+    # Rolled, the target's rectangles overlap: upright they would touch, each pixel under one of them.
+    roll = np.eye(4)
+    roll[:2, :2] = [[np.cos(0.5), -np.sin(0.5)], [np.sin(0.5), np.cos(0.5)]]
+    camera = camera.replace(world_to_camera=roll @ camera.world_to_camera)
     picture = cyc.warp.forward(image, camera, splat="disparity")
-    # Beside an edge rounding decides which splats cover a pixel.
-    between = ~picture.exact & ~picture.hole & ~doubtful(image, camera, 0.02)
-    expected = faded(image, camera, factor)
-    assert between.mean() > 0.3
-    difference = np.abs(picture.color[between] - expected[between]).max(-1)
-    # Weights are whole numbers of 256: half of one each is lost, of up to nine splats.
-    assert np.median(difference) < 3 and (difference < 6).mean() > 0.95
+    expected, several = faded(image, camera, factor)
+    between = several & ~picture.exact & ~doubtful(image, camera, 0.02)
+    assert between.sum() > 50
+    # Half a level of rounding, and up to one of 256 of each weight, of few splats.
+    assert np.abs(picture.color[between] - expected[between]).max() < 2
 
 
 @pytest.mark.parametrize("factor", [1.3, 2.0, 3.0, 4.5])
