@@ -161,6 +161,18 @@ def test_rooms_around_a_courtyard_end() -> None:
     assert 3 <= len(views) <= 20 and {place for place, _ in views} >= {0, 1, 2}
 
 
+def test_portals_that_overlap_do_not_double_the_views() -> None:
+    """A row of rooms with three portals, all the same, from each to the next: 3^12 sequences show the last one."""
+    cells = [{"name": str(k), "min": [k, 0, 0], "max": [k + 1, 1, 1]} for k in range(13)]
+    door = np.array([[0, 0.2, 0.2], [0, 0.8, 0.2], [0, 0.8, 0.8], [0, 0.2, 0.8]])
+    portals = [{"polygon": door + (k + 1, 0, 0), "cells": [k, k + 1]} for k in range(12) for _ in range(3)]
+    row = Building(cyc.Scene([[12.5, 0.5, 0.5], [12.5, 0.6, 0.5], [12.5, 0.5, 0.6]], [[0, 1, 2]]), cells, portals)
+    camera = looking([0.5, 0.5, 0.5], [13, 0.5, 0.5])
+    # Rounding lets some of them through twice.
+    assert 13 <= len(list(row.views(camera))) < 100
+    assert row.visible(camera).tolist() == [0]
+
+
 def test_a_narrower_cone_holds_what_the_wider_one_does() -> None:
     rng = np.random.default_rng(0)
     for _ in range(50):

@@ -215,7 +215,7 @@ class Building:
         Notes
         -----
         Every sequence of portals is followed, each with the frustum that is left of it. A ray crosses a flat portal
-        once, so none is taken twice and loops end.
+        once, so none is taken twice and loops end; what was looked at through a portal already is not again.
 
         Examples
         --------
@@ -239,7 +239,7 @@ class Building:
         return [None if place == len(self.cells) else place for place in places]
 
     def views(self, camera: Camera) -> Iterator[tuple[int, Cone]]:
-        """Each cell that is looked into, once for each sequence of portals to it, with what is left of the view.
+        """Each cell that is looked into, for each sequence of portals that shows more of it, with the rest of the view.
 
         Outdoors is ``len(cells)``.
 
@@ -250,10 +250,24 @@ class Building:
         """
         cone = Cone.of(camera)
         places, crossed = self._places(cone.eye)
+        followed: dict[tuple[int, int], list[Cone]] = {}
         for place in places:
-            yield from self._views(place, cone, crossed)
+            yield from self._views(place, cone, crossed, False, followed)
 
-    def _views(self, place: int, cone: Cone, used: frozenset[int], entered: bool = False) -> Iterator[tuple[int, Cone]]:
+    def _views(
+        self,
+        place: int,
+        cone: Cone,
+        used: frozenset[int],
+        entered: bool = False,
+        followed: dict[tuple[int, int], list[Cone]] | None = None,
+    ) -> Iterator[tuple[int, Cone]]:
+        """What lies behind a cell's portals; `followed` are the views through each of them so far.
+
+        A part of such a view shows nothing else: its rays are the same, and go on in the same way. Without that,
+        portals that overlap double the sequences, one after the other.
+        """
+        followed = {} if followed is None else followed
         yield place, cone
         if entered and place < len(self.cells) and self.cells[place].shut:
             return
@@ -263,9 +277,12 @@ class Building:
             portal = self.portals[index]
             opening = cone.clip(portal.polygon)
             narrower = cone.through(opening) if len(opening) >= 3 else None
-            if narrower is not None:
+            before = followed.setdefault((place, index), [])
+            if narrower is not None and not any(wider.contains(opening) for wider in before):
+                before.append(narrower)
                 first, second = (len(self.cells) if side is None else side for side in portal.cells)
-                yield from self._views(second if first == place else first, narrower, used | {index}, True)
+                beyond = second if first == place else first
+                yield from self._views(beyond, narrower, used | {index}, True, followed)
 
     def paint(
         self, kind: Kind = "static", *, on_demand: bool = False, progress: Progress = None, **options: Any

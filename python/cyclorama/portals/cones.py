@@ -84,6 +84,10 @@ class Cone:
         normals = np.vstack([sides, normal])
         return Cone(self.eye, normals, np.append(sides @ self.eye, normal @ polygon[0]))
 
+    def contains(self, points: Floats) -> bool:
+        """Whether all of some points (N, 3) are inside, or as near as rounding."""
+        return bool((points @ self.normals.T - self.offsets >= -self._slack(points)).all())
+
     def misses(self, points: Floats) -> npt.NDArray[np.bool_]:
         """(K,) of (K, N, 3) sets of points: those that lie wholly outside of one plane."""
         reach = (points @ self.normals.T - self.offsets).max(axis=1)
