@@ -99,7 +99,7 @@ def tables(name, scene, track, up, size, views, references):
             )
             print(
                 f"{method} {alpha}: {lost.lost} of {lost.pixels:,} pixels of {views} views lost, "
-                f"in {lost.views_hit} views, worst {lost.worst:.3%}{wrong}",
+                f"{lost.changed} changed, in {lost.views_hit} views, worst {lost.worst:.3%}{wrong}",
                 flush=True,
             )
 
