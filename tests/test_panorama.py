@@ -41,8 +41,12 @@ def eye(house):
 
 
 @pytest.fixture(scope="module")
-def walk(house, eye, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("walk")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("walk")
+
+
+@pytest.fixture(scope="module")
+def walk(house, eye, folder):
     track = [eye, eye + [0.4, 0.0, 0.0]]
     return cyc.panorama.bake(house, track, 3, (512, 128), spacing=0.2, out=folder, progress=False)
 
@@ -286,18 +290,18 @@ def test_damaged_stores_are_refused_by_name(house, eye, tmp_path):
         Store(tmp_path / "nowhere")
 
 
-def test_plain_tools_open_the_store(walk):
+def test_plain_tools_open_the_store(walk, folder):
     """Pillow, gzip and json, as the module's text says, and nothing of ours."""
     image = pytest.importorskip("PIL.Image", reason="needs Pillow to read tiles")
-    manifest = json.loads((walk.folder / "manifest.json").read_text())
-    folder = walk.folder / manifest["references"][0]["folder"]
-    slab = json.loads((folder / "view.json").read_text())["slabs"][1]
+    manifest = json.loads((folder / "manifest.json").read_text())
+    where = folder / manifest["references"][0]["folder"]
+    slab = json.loads((where / "view.json").read_text())["slabs"][1]
     reference = walk.reference(0)
     tile, across = manifest["tile"], manifest["size"][0] // manifest["tile"]
     total = 0
     for sector in slab["sectors"]:
-        picture = np.asarray(image.open(folder / sector["image"]))
-        quads = np.frombuffer(gzip.decompress((folder / sector["quads"]).read_bytes()), "<u2").reshape(-1, 7)
+        picture = np.asarray(image.open(where / sector["image"]))
+        quads = np.frombuffer(gzip.decompress((where / sector["quads"]).read_bytes()), "<u2").reshape(-1, 7)
         total += len(quads)
         for index, number in enumerate(sector["tiles"]):
             top, left = index // 8 * (tile + 2) + 1, index % 8 * (tile + 2) + 1
