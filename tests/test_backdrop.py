@@ -6,7 +6,17 @@ import numpy as np
 import pytest
 
 import cyclorama as cyc
-from cyclorama.backdrop import FRAMES, IMAGE, NEAR, NOTHING, SURROUNDING, Backdrop, BackdropWalk, backdrop
+from cyclorama.backdrop import (
+    FRAMES,
+    IMAGE,
+    NEAR,
+    NOTHING,
+    SURROUNDING,
+    Backdrop,
+    BackdropWalk,
+    backdrop,
+    check_together,
+)
 from cyclorama.geometry_warp import bend
 from peers import need
 
@@ -215,3 +225,21 @@ def test_what_cannot_be_a_backdrop_is_refused(scene: cyc.Scene) -> None:
         BackdropWalk(drop, frames=0)
     with pytest.raises(ValueError, match="clearance must lie in"):
         BackdropWalk(drop, clearance=1.0)
+
+
+def test_backdrops_that_cannot_be_shown_together_are_refused() -> None:
+    """Two walls back to back: pictures of each bend nothing of the other."""
+    wall = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], dtype=float)
+    vertices = np.concatenate([wall - (0, 0, 5), wall + (0, 0, 5)])
+    walls = cyc.Scene(vertices, [[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]])
+
+    def at(eye: tuple[float, float, float], target: tuple[float, float, float], distance: float) -> Backdrop:
+        return backdrop(walls, cyc.Camera.look_at(eye, target, fov_y=20, width=16, height=16), distance)
+
+    ahead, behind = at((0, 0, 0), (0, 0, -1), 3.0), at((0, 0, 1), (0, 0, 2), 3.0)
+    check_together([ahead, behind])
+    check_together([ahead, at((0, 0, 0), (0, 0, -1), 4.0)])
+    with pytest.raises(ValueError, match=r"backdrops\[0\] and backdrops\[1\] have different viewpoints .* 2 faces"):
+        check_together([ahead, at((0.5, 0, 0), (0.5, 0, -1), 3.5)])
+    with pytest.raises(ValueError, match=r"backdrops\[0\] and backdrops\[2\] cut each other"):
+        check_together([ahead, behind, at((-1, 0, -3), (0, 0, -3), 1.0)])

@@ -8,6 +8,7 @@ Faces that cross the plane are cut there, so that the parts join on it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -20,7 +21,7 @@ from .placing import quadrilateral
 from .render import BACKGROUND
 from .scene import Scene
 
-__all__ = ["Backdrop", "BackdropWalk", "Composed", "backdrop"]
+__all__ = ["Backdrop", "BackdropWalk", "Composed", "backdrop", "check_together"]
 
 Floats = npt.NDArray[np.float64]
 Ids = npt.NDArray[np.uint32]
@@ -326,6 +327,63 @@ def backdrop(scene: Scene, camera: Camera, distance: float) -> Backdrop:
     3.0
     """
     return Backdrop(scene, quadrilateral(camera, distance), camera)
+
+
+def check_together(backdrops: Sequence[Backdrop]) -> None:
+    """Refuses backdrops of one scene that can't be shown together (section 5.2.2).
+
+    Parameters
+    ----------
+    backdrops : sequence of Backdrop
+        Of any viewpoints; for several of one viewpoint see `cyclorama.strip.Strip`.
+
+    Raises
+    ------
+    ValueError
+        If two quadrilaterals cut each other; or two of different viewpoints both bend a face, or one bends what the
+        other shows: a face can't meet two images.
+
+    Examples
+    --------
+    >>> import cyclorama as cyc
+    >>> scene = cyc.scenes.pipes(2_000)
+    >>> camera = cyc.Camera.look_at(scene.center + (0, 0, 3), scene.center, width=64, height=48)
+    >>> check_together([backdrop(scene, camera, 3.0)])
+    """
+    for j, second in enumerate(backdrops):
+        for i, first in enumerate(backdrops[:j]):
+            if _cut_each_other(first.plane.corners, second.plane.corners):
+                raise ValueError(f"the quadrilaterals of backdrops[{i}] and backdrops[{j}] cut each other")
+            if np.allclose(first.plane.eye, second.plane.eye, rtol=0, atol=_ON_PLANE * first.plane.height):
+                continue
+            shown = [np.union1d(drop.image, drop.surrounding) for drop in (first, second)]
+            shared = np.union1d(
+                np.intersect1d(first.surrounding, shown[1]), np.intersect1d(second.surrounding, shown[0])
+            )
+            if len(shared):
+                raise ValueError(
+                    f"backdrops[{i}] and backdrops[{j}] have different viewpoints and both bend {len(shared)} faces, "
+                    f"face {shared[0]} among them: show one of them, or take both from one viewpoint"
+                )
+
+
+def _cut_each_other(first: Floats, second: Floats) -> bool:
+    """Whether two convex quadrilaterals in different planes have points in common."""
+    spans = []
+    normals = [np.cross(quad[2] - quad[0], quad[3] - quad[1]) for quad in (first, second)]
+    line = np.cross(normals[0], normals[1])
+    if not np.linalg.norm(line) > 1e-9 * np.linalg.norm(normals[0]) * np.linalg.norm(normals[1]):
+        return False
+    for quad, other, normal in ((first, second, normals[1]), (second, first, normals[0])):
+        depth = (quad - other[0]) @ normal
+        beyond = np.roll(depth, -1)
+        crosses = (depth < 0) != (beyond < 0)
+        if not crosses.any():
+            return False
+        share = (depth[crosses] / (depth[crosses] - beyond[crosses]))[:, None]
+        points = quad[crosses] + share * (np.roll(quad, -1, 0)[crosses] - quad[crosses])
+        spans.append((float((points @ line).min()), float((points @ line).max())))
+    return max(spans[0][0], spans[1][0]) < min(spans[0][1], spans[1][1])
 
 
 class BackdropWalk:
