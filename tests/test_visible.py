@@ -64,6 +64,27 @@ def test_a_view_of_a_real_mesh_misses_and_invents_next_to_nothing(real_scene, na
     assert len(judgement.false_faces) <= 0.001 * judgement.reported + 2
 
 
+def test_parts_that_are_turned_over_are_found():
+    """Of closed surfaces only one side is seen, of which the sampler makes use; that must not cost the other."""
+    big, small = cyc.scenes.sphere(40_000), cyc.scenes.sphere(8_000)
+    corners = np.concatenate([big.vertices, 0.02 * np.asarray(small.vertices) + [1.2, 0.0, 0.0]])
+    for turned, part in enumerate(("none", "small", "big", "some")):
+        faces = np.concatenate([big.faces, small.faces + len(big.vertices)])
+        outward = np.ones(len(faces), bool)
+        outward[
+            {"none": [], "small": slice(len(big), None), "big": slice(len(big)), "some": slice(None, None, 7)}[part]
+        ] = False
+        faces[~outward] = faces[~outward][:, ::-1]
+        scene = cyc.Scene(corners, faces)
+        camera = cyc.Camera.look_at([0, 0, 6], [0, 0, 0], fov_y=45.0, width=200, height=180)
+        seen = scene.visible(camera).unpack()[0]
+        front = front_facing(scene, camera.eye) == outward
+        assert not (seen & ~front).any(), turned
+        # Both balls are seen whole, the small one on some 50 pixels.
+        assert (front & ~seen)[: len(big)].sum() <= 2e-3 * front.sum(), part
+        assert (front & ~seen)[len(big) :].sum() <= 0.02 * front[len(big) :].sum(), part
+
+
 def test_a_bare_buffer_loses_what_rays_find(real_scene):
     scene = real_scene("x_wing")
     camera = whole(scene)

@@ -58,21 +58,23 @@ impl Frame {
         }
     }
 
-    /// Clears the squares of `side` samples that are `open` to nothing seen, and fills all others with what hides
-    /// everything and is no face; `side` is a multiple of [`TILE`].
-    pub fn clear_some(
-        &mut self,
-        width: usize,
-        height: usize,
-        side: usize,
-        open: impl Fn(usize, usize) -> bool,
-    ) {
-        self.clear(width, height);
-        for (y, row) in self.samples[..self.stride * height].chunks_exact_mut(self.stride).enumerate() {
-            for (column, samples) in row[..width].chunks_mut(side).enumerate() {
-                if !open(column, y / side) {
-                    samples.fill(CLOSED);
-                }
+    /// Fills a frame of the given size with what hides everything and is no face, unless it has that size: whoever draws
+    /// into [opened](Self::fill) squares closes them again.
+    pub fn close(&mut self, width: usize, height: usize) {
+        if (self.width, self.height) != (width, height) {
+            self.clear(width, height);
+            for row in self.samples[..self.stride * height].chunks_exact_mut(self.stride) {
+                row[..width].fill(CLOSED);
+            }
+        }
+    }
+
+    /// Fills some squares of `side` samples, told by column and row; `side` is a multiple of [`TILE`].
+    pub fn fill(&mut self, side: usize, squares: &[[u32; 2]], sample: u64) {
+        for &[column, row] in squares {
+            let columns = column as usize * side..((column as usize + 1) * side).min(self.width);
+            for y in row as usize * side..((row as usize + 1) * side).min(self.height) {
+                self.samples[y * self.stride..][columns.clone()].fill(sample);
             }
         }
     }

@@ -4,7 +4,7 @@
 //! brought up to date when it would decide and something was drawn there since (a hierarchical depth buffer, as of
 //! Greene, Kass and Miller, "Hierarchical Z-buffer visibility", 1993, filled on demand).
 
-use super::frame::{Band, TILE};
+use super::frame::{Band, CLOSED, TILE};
 use super::lanes::{Lanes, MOST_LANES};
 use std::ops::Range;
 
@@ -64,17 +64,22 @@ impl Pyramid {
         self.touch(&PixelBox { x: 0..band.width, y: band.rows.clone() });
     }
 
-    /// Bounds of a band in whose tiles all samples are alike.
-    pub fn read_tiles(&mut self, band: &Band<'_>) {
-        self.read(band);
-        let level = &mut self.levels[0];
-        for row in 0..level.rows {
-            let samples = band.samples[row * TILE * band.stride..].iter().step_by(TILE);
-            let line = row * level.columns..(row + 1) * level.columns;
-            for (farthest, &sample) in level.farthest[line.clone()].iter_mut().zip(samples) {
-                *farthest = sample;
+    /// Bounds of a band that is closed, but for squares of `side` samples in which nothing is drawn yet.
+    pub fn open(&mut self, band: &Band<'_>, side: usize, squares: &[[u32; 2]]) {
+        self.clear(band);
+        for (index, level) in self.levels.iter_mut().enumerate() {
+            level.farthest.fill(CLOSED);
+            let side_here = self::side(index);
+            for &[column, row] in squares {
+                let within = |index: u32, first: usize, end: usize| {
+                    let low = (index as usize * side).max(first);
+                    (low - first) / side_here..((low - first + side).min(end - first)).div_ceil(side_here)
+                };
+                let columns = within(column, 0, band.width);
+                for row in within(row, self.top, band.rows.end) {
+                    level.farthest[row * level.columns..][columns.clone()].fill(0);
+                }
             }
-            level.stale[line].fill(false);
         }
     }
 

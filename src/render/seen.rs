@@ -1,6 +1,6 @@
 //! From an id-buffer to a row of bits.
 
-use super::frame::{CLOSED, FACE_MASK, Frame, TILE, face_or};
+use super::frame::{FACE_MASK, Frame, TILE, face_or};
 
 /// Marks of faces, a byte each: what a thread keeps to collect them in.
 ///
@@ -14,32 +14,59 @@ pub struct Seen {
 impl Seen {
     /// Adds the faces that a frame shows to a row of bits over `faces` faces. O(samples + faces).
     pub fn collect(&mut self, frame: &Frame, faces: usize, row: &mut [u64]) {
-        // One mark more, for samples that show nothing.
-        self.marks.resize((faces + 1).next_multiple_of(64), 0);
-        let (marks, nothing) = (&mut self.marks[..], faces as u32);
-        let last = marks.len() - 1;
-        let mut mark = |sample: u64| marks[(face_or(sample, nothing) as usize).min(last)] = 1;
+        let last = self.reach(faces);
         for samples in frame.rows() {
-            let (tiles, rest) = samples.as_chunks::<TILE>();
-            for tile in tiles {
-                // One face, or nothing, in all of it, as often. Whole tiles are closed or none of it.
-                let first = tile[0];
-                if tile.iter().fold(0, |differing, &sample| differing | (sample ^ first)) & FACE_MASK == 0 {
-                    if first != CLOSED {
-                        mark(first);
-                    }
-                    continue;
-                }
-                for &sample in tile {
-                    mark(sample);
-                }
-            }
-            if rest.first() != Some(&CLOSED) {
-                rest.iter().copied().for_each(&mut mark);
+            self.mark(samples, faces, last);
+        }
+        self.take(faces, row);
+    }
+
+    /// [`collect`](Self::collect), but only from some squares of `side` samples, told by column and row.
+    pub fn collect_some(
+        &mut self,
+        frame: &Frame,
+        side: usize,
+        squares: &[[u32; 2]],
+        faces: usize,
+        row: &mut [u64],
+    ) {
+        let last = self.reach(faces);
+        for &[column, y] in squares {
+            let left = column as usize * side;
+            for y in y as usize * side..((y as usize + 1) * side).min(frame.height) {
+                self.mark(&frame.row(y)[left..(left + side).min(frame.width)], faces, last);
             }
         }
-        marks[faces] = 0;
-        let (chunks, _) = marks.as_chunks_mut::<64>();
+        self.take(faces, row);
+    }
+
+    /// Makes room for all faces, and for what shows none; the last mark.
+    fn reach(&mut self, faces: usize) -> usize {
+        self.marks.resize((faces + 1).next_multiple_of(64), 0);
+        self.marks.len() - 1
+    }
+
+    #[inline(always)]
+    fn mark(&mut self, samples: &[u64], faces: usize, last: usize) {
+        let marks = &mut self.marks[..];
+        let mut mark = |sample: u64| marks[(face_or(sample, faces as u32) as usize).min(last)] = 1;
+        let (tiles, rest) = samples.as_chunks::<TILE>();
+        for tile in tiles {
+            // One face, or nothing, in all of it, as often.
+            let first = tile[0];
+            if tile.iter().fold(0, |differing, &sample| differing | (sample ^ first)) & FACE_MASK == 0 {
+                mark(first);
+            } else {
+                tile.iter().copied().for_each(&mut mark);
+            }
+        }
+        rest.iter().copied().for_each(&mut mark);
+    }
+
+    /// Moves the marks into a row.
+    fn take(&mut self, faces: usize, row: &mut [u64]) {
+        self.marks[faces] = 0;
+        let (chunks, _) = self.marks.as_chunks_mut::<64>();
         for (word, marks) in row.iter_mut().zip(chunks) {
             *word |= packed(marks);
             marks.fill(0);
@@ -63,7 +90,7 @@ fn packed(marks: &[u8; 64]) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::render::frame::sample;
+    use crate::render::frame::{self, sample};
     use proptest::prelude::*;
 
     proptest! {
@@ -98,8 +125,24 @@ mod tests {
                         }
                     }
                 }
+                let (mut some, all) = (row.clone(), expected.clone());
                 seen.collect(&frame, faces, &mut row);
                 prop_assert_eq!(row, expected);
+                // Square by square, twice, and without the first.
+                let columns = width.div_ceil(8) as u32;
+                let squares: Vec<_> = (0..height.div_ceil(8) as u32)
+                    .flat_map(|row| (0..columns).map(move |column| [column, row]))
+                    .collect();
+                seen.collect_some(&frame, 8, &squares[1..], faces, &mut some);
+                for face in (0..faces as u32).filter(|face| some[*face as usize / 64] >> (face % 64) & 1 == 0) {
+                    let elsewhere = |(y, row): (usize, &[u64])| {
+                        let mut shown = row.iter().enumerate().skip(if y < 8 { 8 } else { 0 });
+                        shown.any(|(_, &sample)| frame::face(sample) == face)
+                    };
+                    prop_assert!(!frame.rows().enumerate().any(elsewhere));
+                }
+                seen.collect_some(&frame, 8, &squares, faces, &mut some);
+                prop_assert_eq!(some, all);
             }
         }
     }

@@ -136,10 +136,10 @@ fn look(
             }
         }
         Fill::Rays(rays) => {
-            confirm.look(scene, camera, rays, frame, row, |view, frame, row| {
+            confirm.look(scene, camera, rays, frame, row, |view, frame, side, squares, row| {
                 let set = InstructionSet::best();
-                painter.draw_some(set, view, scene.clusters(), &mut frame.whole());
-                seen.collect(frame, scene.mesh().faces().len(), row);
+                painter.draw_some(set, view, scene.clusters(), &mut frame.whole(), side, squares);
+                seen.collect_some(frame, side, squares, scene.mesh().faces().len(), row);
             });
         }
     }
@@ -177,9 +177,9 @@ pub fn stages(
         seen.collect(&frame, faces, &mut row);
         watch.lap(Stage::Scan);
         if let Some(rays) = rays {
-            confirm.look(scene, camera, rays, &mut frame, &mut row, |view, frame, row| {
-                painter.draw_some(set, view, scene.clusters(), &mut frame.whole());
-                seen.collect(frame, faces, row);
+            confirm.look(scene, camera, rays, &mut frame, &mut row, |view, frame, side, squares, row| {
+                painter.draw_some(set, view, scene.clusters(), &mut frame.whole(), side, squares);
+                seen.collect_some(frame, side, squares, faces, row);
             });
             watch.lap(Stage::Confirm);
         }

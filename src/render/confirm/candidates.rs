@@ -1,6 +1,7 @@
 //! The faces that may be seen though the picture does not show them.
 
 use super::points::OPEN;
+use super::trials::Hiders;
 use super::unclear::{Busy, RING, Unclear, in_border};
 use crate::camera::Projection;
 use crate::mesh::Mesh;
@@ -20,8 +21,9 @@ pub struct Candidates {
     ids: Vec<u32>,
     /// Padded by a register's worth.
     corners: Vec<[Vertex; 3]>,
-    /// What the last round's points say of each: hidden by a face, open, or nothing.
-    hiders: Vec<Option<u32>>,
+    /// Faces known to hide points of each.
+    hiders: Vec<Hiders>,
+    open: Vec<bool>,
     /// How many faces were not hidden by all samples of their boxes: those taken, and those that a closer look hid.
     pub unclear: usize,
     projected: Box<Projected>,
@@ -42,8 +44,10 @@ impl Candidates {
         self.unclear = 0;
         self.ids.clear();
         self.corners.clear();
+        self.hiders.clear();
         let gather = Gather { candidates: self, view, clusters, pyramid, band, unclear, known };
         InstructionSet::best().run(gather);
+        self.hiders.resize(self.ids.len(), Hiders::NONE);
         self.pad();
     }
 
@@ -80,34 +84,51 @@ impl Candidates {
         self.corners[index..index + MOST_LANES].as_ptr().cast()
     }
 
-    /// Tells of the candidates that have an open point, and keeps the others; `answers` are the candidate of each
-    /// point and the face that hides it, or [`OPEN`].
-    pub fn judge(&mut self, answers: impl Iterator<Item = (u32, u32)>, mut found: impl FnMut(u32)) {
-        self.hiders.clear();
-        self.hiders.resize(self.ids.len(), None);
+    pub fn id(&self, index: usize) -> u32 {
+        self.ids[index]
+    }
+
+    pub fn hiders(&self, index: usize) -> Hiders {
+        self.hiders[index]
+    }
+
+    /// Tells of the candidates that have an open point, with their corners, and keeps the others; `answers` are the
+    /// candidate of each point and the face that hides it, or [`OPEN`].
+    pub fn judge(
+        &mut self,
+        answers: impl Iterator<Item = (u32, u32)>,
+        mut found: impl FnMut(u32, &[Vertex; 3]),
+    ) {
+        let mut open = std::mem::take(&mut self.open);
+        open.clear();
+        open.resize(self.ids.len(), false);
         for (owner, hider) in answers {
-            let known = &mut self.hiders[owner as usize];
-            if *known != Some(OPEN) {
-                *known = Some(hider);
+            if hider == OPEN {
+                open[owner as usize] = true;
+            } else {
+                self.hiders[owner as usize].add(hider);
             }
         }
-        self.retain_by(|id, _, hider| {
-            if hider == Some(OPEN) {
-                found(id);
+        let mut each = open.iter();
+        self.retain_by(|id, corners, _| {
+            let is_open = each.next() == Some(&true);
+            if is_open {
+                found(id, corners);
             }
-            hider != Some(OPEN)
+            !is_open
         });
+        self.open = open;
     }
 
-    /// Keeps the candidates that pass, asked with their corners and a face that hides a point of theirs.
-    pub fn retain(&mut self, mut keep: impl FnMut(&[Vertex; 3], Option<u32>) -> bool) {
-        self.retain_by(|_, corners, hider| keep(corners, hider));
+    /// Keeps the candidates that pass, asked with their corners and the faces that hide points of theirs.
+    pub fn retain(&mut self, mut keep: impl FnMut(&[Vertex; 3], &Hiders) -> bool) {
+        self.retain_by(|_, corners, hiders| keep(corners, hiders));
     }
 
-    fn retain_by(&mut self, mut keep: impl FnMut(u32, &[Vertex; 3], Option<u32>) -> bool) {
+    fn retain_by(&mut self, mut keep: impl FnMut(u32, &[Vertex; 3], &Hiders) -> bool) {
         let mut count = 0;
         for index in 0..self.ids.len() {
-            if keep(self.ids[index], &self.corners[index], self.hiders[index]) {
+            if keep(self.ids[index], &self.corners[index], &self.hiders[index]) {
                 self.ids[count] = self.ids[index];
                 self.corners[count] = self.corners[index];
                 self.hiders[count] = self.hiders[index];
@@ -302,8 +323,9 @@ mod tests {
         ) {
             let mut candidates = Candidates { ids: (100..120).collect(), ..Candidates::default() };
             candidates.corners.resize(20, [Vertex::default(); 3]);
+            candidates.hiders.resize(20, Hiders::NONE);
             let mut found = Vec::new();
-            candidates.judge(answers.iter().copied(), |face| found.push(face));
+            candidates.judge(answers.iter().copied(), |face, _| found.push(face));
             let is_open = |face: &u32| answers.contains(&(face - 100, OPEN));
             prop_assert_eq!(found, (100..120).filter(is_open).collect::<Vec<_>>());
             prop_assert_eq!(&candidates.ids, &(100..120).filter(|face| !is_open(face)).collect::<Vec<_>>());

@@ -5,16 +5,21 @@
 //! ([`points`]): one that no other face hides proves the face visible, in the same arithmetic as the id-buffer's. Nothing
 //! invisible is ever answered. Of a smooth surface that finds nearly all with a few points a face. Where many faces
 //! remain that neither the picture hides nor a point proves (leaves, pipes, clutter), the picture is too coarse: where
-//! they are a finer one is drawn, and more points are tested where that leaves them open ([`unclear`]).
+//! they are a finer one is drawn, and more points are tested where that leaves them open ([`unclear`]): a few at a time,
+//! since a face that hides one point of another often hides most of it ([`trials`]).
+//!
+//! On a closed surface only one side is ever seen, though at silhouettes the picture hides little of the other. Where the
+//! picture shows one side only, a sample of the other's faces is tested first ([`place::Side`]).
 //!
 //! Missed is what can only be seen between all tested points, or through a gap between samples that seem to hide it.
 
 mod candidates;
 mod place;
 mod points;
+mod trials;
 mod unclear;
 
-use super::frame::{Frame, TILE};
+use super::frame::{CLOSED, Frame, TILE};
 use super::lanes::InstructionSet;
 use super::pyramid::Pyramid;
 use super::scene::Scene;
@@ -23,12 +28,20 @@ use super::view::{Vertex, View};
 use super::visible::{Rays, is_set, set};
 use crate::camera::Camera;
 use candidates::Candidates;
-use place::{Offsets, Rest, Spread};
+use place::{First, Offsets, Rest, Side, Spread, Wanted};
 use points::{Pass, Point, Points};
+use trials::{Thin, Trials};
 use unclear::{Busy, Unclear};
 
 /// Points of a face on the first picture: one, which is enough for most that are seen at all, then the others.
 const FIRST: usize = 4;
+
+/// Of the faces that turn the other way than all that the picture shows, one of so many is tested; the others only if
+/// one of those is seen. On a closed surface none is.
+const AWAY: u32 = 8;
+
+/// Points of a face that are tested together, in turn: what hides one of them often hides most of the others.
+const ROUNDS: [usize; 3] = [4, 8, usize::MAX];
 
 /// Faces with a sample in their box that is not nearer, and no open point, a visible one, from which on a view is
 /// cluttered.
@@ -49,8 +62,12 @@ pub struct Confirm {
     pyramid: Pyramid,
     unclear: Unclear,
     busy: Busy,
+    squares: Vec<[u32; 2]>,
+    /// The finer picture, closed between views.
+    fine: Frame,
     candidates: Candidates,
     spread: Spread,
+    trials: Trials,
     list: Vec<Point>,
     points: Points,
     pass: Pass,
@@ -60,8 +77,8 @@ impl Confirm {
     /// Sets in `row` the opaque faces that `frame`, an image of `camera`, does not show, and of which some point is the
     /// nearest surface on its ray.
     ///
-    /// In a cluttered and crowded view `draw` is asked to draw into a finer picture, and to set in `row` the faces that it
-    /// shows.
+    /// In a cluttered and crowded view `draw` is asked to draw into some squares of a finer picture, told by their side,
+    /// columns and rows, and to set in `row` the faces that it shows.
     pub fn look(
         &mut self,
         scene: &Scene,
@@ -69,71 +86,120 @@ impl Confirm {
         rays: Rays,
         frame: &mut Frame,
         row: &mut [u64],
-        mut draw: impl FnMut(&View, &mut Frame, &mut [u64]),
+        mut draw: impl FnMut(&View, &mut Frame, usize, &[[u32; 2]], &mut [u64]),
     ) {
         let view = View::new(scene.mesh(), camera);
+        let side = Side::of_most(&view, scene.mesh(), frame);
         let band = frame.whole();
         let Self { pyramid, unclear, candidates, .. } = self;
         pyramid.read(&band);
         candidates.gather(&view, scene.clusters(), pyramid, &band, unclear, |face| is_set(row, face));
-        let mut found = 0;
-        for points in [0..1, 1..FIRST] {
-            let points = points.start..points.end.min(rays.points);
-            self.list.clear();
-            let Self { candidates, list, .. } = self;
-            InstructionSet::best().run(place::First { view: &view, candidates, points, list });
-            found += self.test(scene, &view, row);
+        let wanted = Wanted { points: 0..rays.points.min(1), away: AWAY };
+        let (mut found, away) = self.first(scene, &view, side, wanted, row);
+        if away == 0 {
+            self.candidates.retain(|corners, _| !side.is_away(corners));
         }
+        // Else those left out above still lack their first point.
+        let wanted = Wanted { points: usize::from(away == 0)..FIRST.min(rays.points), away: 1 };
+        found += self.first(scene, &view, side, wanted, row).0;
         let visible: u32 = row.iter().map(|word| word.count_ones()).sum();
         let unclear = self.candidates.unclear - found;
         if rays.supersampling == 1 || (unclear as f64) < CLUTTERED * f64::from(visible) {
             return;
         }
         self.drop_hidden(scene, &view);
-        let Self { pyramid, unclear, candidates, busy, .. } = self;
+        let Self { pyramid, unclear, candidates, busy, squares, .. } = self;
         busy.clear(&view);
         candidates.find_busy(&view, pyramid, &band, unclear, busy);
-        let sparse = (candidates.len() as f64) < CROWDED * busy.count() as f64;
+        squares.clear();
+        squares.extend(busy.squares());
+        let sparse = (candidates.len() as f64) < CROWDED * squares.len() as f64;
         let samples = rays.supersampling;
         self.spread.reach(rays.points);
-        self.list.clear();
+        let Self { pyramid, unclear, candidates, spread, trials, .. } = self;
         if sparse {
             let (grid, points) = (Some(&Offsets::new(samples)), rays.points);
-            let Self { pyramid, unclear, candidates, spread, list, .. } = self;
             let (view, band) = (&view, &band);
             let rest =
-                Rest { view, candidates, pyramid, band, unclear, points, samples: 1.0, grid, spread, list };
+                Rest { view, candidates, pyramid, band, unclear, points, samples: 1.0, grid, spread, trials };
             InstructionSet::best().run(rest);
-            self.test(scene, view, row);
+            self.rest(scene, view, row);
             return;
         }
-        let busy = &self.busy;
         let view = View::new(scene.mesh(), &camera.supersampled(samples));
-        frame.clear_some(view.width, view.height, samples * TILE, |column, row| busy.has(column, row));
-        draw(&view, frame, row);
-        let Self { pyramid, unclear, candidates, spread, list, .. } = self;
-        let (view, band, points, samples) = (&view, &frame.whole(), rays.points, samples as f64);
-        pyramid.read(band);
-        candidates.project(view, scene.mesh(), |face| is_set(row, face));
-        let rest =
-            Rest { view, candidates, pyramid, band, unclear, points, samples, grid: None, spread, list };
-        InstructionSet::best().run(rest);
-        self.test(scene, view, row);
+        let (fine, side) = (&mut self.fine, samples * TILE);
+        fine.close(view.width, view.height);
+        fine.fill(side, &self.squares, 0);
+        draw(&view, fine, side, &self.squares, row);
+        candidates.project(&view, scene.mesh(), |face| is_set(row, face));
+        {
+            let (view, band, points, samples) = (&view, &fine.whole(), rays.points, samples as f64);
+            pyramid.read(band);
+            let rest = Rest {
+                view,
+                candidates,
+                pyramid,
+                band,
+                unclear,
+                points,
+                samples,
+                grid: None,
+                spread,
+                trials,
+            };
+            InstructionSet::best().run(rest);
+        }
+        fine.fill(side, &self.squares, CLOSED);
+        self.rest(scene, &view, row);
     }
 
-    /// Tests the listed points; candidates of which one is open go into `row`. How many do.
-    fn test(&mut self, scene: &Scene, view: &View, row: &mut [u64]) -> usize {
-        let before = self.candidates.len();
+    /// Tests some of the first points of all candidates; those of which one is open go into `row`. How many do, and how
+    /// many of them turn away.
+    fn first(
+        &mut self,
+        scene: &Scene,
+        view: &View,
+        side: Side,
+        wanted: Wanted,
+        row: &mut [u64],
+    ) -> (usize, usize) {
+        let Self { candidates, list, .. } = self;
+        list.clear();
+        InstructionSet::best().run(First { view, candidates, side, wanted, list });
         self.points.sort(view, &self.list);
         self.pass.run(view, scene.clusters(), &mut self.points);
-        self.candidates.judge(self.points.answers(), |face| set(row, face));
-        before - self.candidates.len()
+        let (mut found, mut away) = (0, 0);
+        self.candidates.judge(self.points.answers(), |face, corners| {
+            set(row, face);
+            found += 1;
+            away += usize::from(side.is_away(corners));
+        });
+        (found, away)
     }
 
-    /// Drops the candidates that one face hides wholly: the one that hides one of their points.
+    /// Tests the points of the trials; candidates of which one is open go into `row`.
+    fn rest(&mut self, scene: &Scene, view: &View, row: &mut [u64]) {
+        for most in ROUNDS {
+            let Self { trials, list, points, .. } = self;
+            InstructionSet::best().run(Thin { trials, view, mesh: scene.mesh() });
+            list.clear();
+            trials.pick(most, list);
+            if list.is_empty() {
+                break;
+            }
+            points.sort(view, list);
+            self.pass.run(view, scene.clusters(), points);
+            trials.learn(points.answers());
+        }
+        for owner in self.trials.found() {
+            set(row, self.candidates.id(owner));
+        }
+    }
+
+    /// Drops the candidates that one face hides wholly: one that hides one of their points.
     fn drop_hidden(&mut self, scene: &Scene, view: &View) {
-        self.candidates.retain(|corners, hider| {
-            hider.is_none_or(|face| !hides_all(view, &view.project_face(scene.mesh(), face), corners))
+        self.candidates.retain(|corners, hiders| {
+            !hiders.iter().any(|face| hides_all(view, &view.project_face(scene.mesh(), face), corners))
         });
     }
 }

@@ -3,14 +3,17 @@
 use super::FIRST;
 use super::candidates::Candidates;
 use super::points::Point;
+use super::trials::Trials;
 use super::unclear::{RING, Unclear};
 use crate::camera::Projection;
-use crate::render::frame::Band;
+use crate::mesh::Mesh;
+use crate::render::BACKGROUND;
+use crate::render::frame::{Band, Frame, face};
 use crate::render::lanes::{Kernel, Lanes, MOST_LANES};
 use crate::render::pyramid::Pyramid;
 use crate::render::raster::pixel_box;
 use crate::render::raster::small::Setup;
-use crate::render::triangle::{Nearness, Triangle};
+use crate::render::triangle::{Nearness, Triangle, facing};
 use crate::render::view::{Vertex, View};
 use glam::DVec3;
 use std::ops::Range;
@@ -19,6 +22,53 @@ use std::ops::Range;
 /// has so many pixels, up to [`MOST_SHARES`] times.
 const SIDE_PER_SHARE: f64 = 1.5;
 const MOST_SHARES: f64 = 12.0;
+
+/// Which way around corners run on the image of the faces that turn to the camera: on a closed surface all that are seen.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Side {
+    Both,
+    Clockwise,
+    Counter,
+}
+
+/// So many samples of the picture are asked for their faces, evenly spread.
+const ASKED: usize = 1024;
+
+/// All but one of so many must turn the same way.
+const EXCEPTION: usize = 400;
+
+impl Side {
+    /// The side that nearly all the faces of a picture turn to the camera.
+    pub fn of_most(view: &View, mesh: &Mesh, frame: &Frame) -> Self {
+        let step = (view.width * view.height / ASKED).max(1);
+        let mut counts = [0, 0];
+        for place in (step / 2..view.width * view.height).step_by(step) {
+            let face = face(frame.row(place / view.width)[place % view.width]);
+            if face != BACKGROUND {
+                let turn = facing(&view.project_face(mesh, face));
+                counts[usize::from(turn > 0)] += usize::from(turn != 0);
+            }
+        }
+        let [counter, clockwise] = counts;
+        if counter * EXCEPTION < clockwise {
+            Self::Clockwise
+        } else if clockwise * EXCEPTION < counter {
+            Self::Counter
+        } else {
+            Self::Both
+        }
+    }
+
+    /// Whether a face turns the other way.
+    pub fn is_away(self, corners: &[Vertex; 3]) -> bool {
+        let before = corners.iter().all(|corner| corner.w > 0.0);
+        match self {
+            Self::Both => false,
+            Self::Clockwise => before && facing(corners) < 0,
+            Self::Counter => before && facing(corners) > 0,
+        }
+    }
+}
 
 /// Lists some points of a candidate that lie inside the image.
 pub fn place(
@@ -41,11 +91,20 @@ pub fn place(
     }
 }
 
+/// Which of the first points candidates get.
+#[derive(Debug, Clone)]
+pub struct Wanted {
+    pub points: Range<usize>,
+    /// Of those that turn [away](Side), one of so many.
+    pub away: u32,
+}
+
 /// Some of the first points of all candidates, as a kernel.
 pub struct First<'a> {
     pub view: &'a View,
     pub candidates: &'a Candidates,
-    pub points: Range<usize>,
+    pub side: Side,
+    pub wanted: Wanted,
     pub list: &'a mut Vec<Point>,
 }
 
@@ -64,7 +123,7 @@ impl Kernel for First<'_> {
 impl First<'_> {
     #[inline(always)]
     fn place<L: Lanes, const PERSPECTIVE: bool>(self) {
-        let Self { view, candidates, points, list } = self;
+        let Self { view, candidates, side: toward, wanted: Wanted { points, away }, list } = self;
         for at in (0..candidates.len()).step_by(L::COUNT) {
             let real = (1_u32 << (candidates.len() - at).min(L::COUNT)) - 1;
             // SAFETY: candidates are padded by a register of them, and the faces name the corners of each in turn.
@@ -85,11 +144,25 @@ impl First<'_> {
                 behind &= behind - 1;
             }
             let setup = Setup::<L>::new::<PERSPECTIVE>([a, b, c]);
-            let good = L::and(setup.good, L::mask(real & before));
+            let (side, turn) = sizes([a, b, c]);
+            let back = match toward {
+                Side::Both => 0,
+                Side::Clockwise => L::bits(zero.gt(turn)),
+                Side::Counter => L::bits(turn.gt(zero)),
+            };
+            let mut left_out = back;
+            if back != 0 {
+                for lane in (0..L::COUNT.min(candidates.len() - at))
+                    .filter(|&lane| candidates.id(at + lane).is_multiple_of(away))
+                {
+                    left_out &= !(1 << lane);
+                }
+            }
+            let good = L::and(setup.good, L::mask(real & before & !left_out));
             if L::bits(good) == 0 {
                 continue;
             }
-            let (side, doubled_area) = sizes([a, b, c]);
+            let doubled_area = turn.abs();
             let thick = doubled_area.gt(L::splat(THICK).mul(side));
             for point in points.clone() {
                 let (thin_weights, thick_weights) = (barycentric(point), barycentric(INTERIOR + point));
@@ -152,7 +225,7 @@ pub struct Rest<'a, 'b> {
     /// Where thick faces get points in each pixel, instead of points spread over them.
     pub grid: Option<&'a Offsets>,
     pub spread: &'a Spread,
-    pub list: &'a mut Vec<Point>,
+    pub trials: &'a mut Trials,
 }
 
 impl Kernel for Rest<'_, '_> {
@@ -160,7 +233,9 @@ impl Kernel for Rest<'_, '_> {
 
     #[inline(always)]
     fn run<L: Lanes>(mut self) {
+        self.trials.clear();
         for owner in 0..self.candidates.len() {
+            self.trials.begin(self.candidates.hiders(owner));
             let corners = self.candidates.corners(owner);
             let Some(triangle) = Triangle::new(self.view, corners) else { continue };
             let Some(area) = pixel_box(self.view, corners, &self.band.rows, RING) else { continue };
@@ -173,7 +248,7 @@ impl Kernel for Rest<'_, '_> {
             if let Some(offsets) = self.grid
                 && (thick || doubled_area == 0.0)
             {
-                self.grid::<L>(owner, &triangle, offsets);
+                self.grid::<L>(&triangle, offsets);
                 continue;
             }
             let (first, shares) = if thick {
@@ -204,13 +279,13 @@ impl Rest<'_, '_> {
             let x = mix(weights, L::splat(a.x), L::splat(b.x), L::splat(c.x)).div(w);
             let y = mix(weights, L::splat(a.y), L::splat(b.y), L::splat(c.y)).div(w);
             let front = L::and(w.gt(zero), L::mask(real));
-            self.add(owner, x, y, &test, front);
+            self.add(x, y, &test, front);
         }
     }
 
     /// The points of a grid finer than the pixels'.
     #[inline(always)]
-    fn grid<L: Lanes>(&mut self, owner: usize, triangle: &Triangle, offsets: &Offsets) {
+    fn grid<L: Lanes>(&mut self, triangle: &Triangle, offsets: &Offsets) {
         let test = Test::<L>::new(triangle);
         for pixel in 0..self.unclear.count() {
             let (column, row) = self.unclear.pixel(pixel);
@@ -220,23 +295,19 @@ impl Rest<'_, '_> {
                 // SAFETY: the arrays have a register of entries past the last.
                 let (x, y) =
                     unsafe { (L::load(offsets.x[first..].as_ptr()), L::load(offsets.y[first..].as_ptr())) };
-                self.add(owner, x.add(column), y.add(row), &test, L::mask(real));
+                self.add(x.add(column), y.add(row), &test, L::mask(real));
             }
         }
     }
 
     /// Lists those of some positions at which the face and the picture leave something to find.
     #[inline(always)]
-    fn add<L: Lanes>(&mut self, owner: usize, x: L, y: L, test: &Test<L>, mask: L::Mask) {
+    fn add<L: Lanes>(&mut self, x: L, y: L, test: &Test<L>, mask: L::Mask) {
         let view = self.view;
         let mut mask = L::and(mask, L::splat(0.5 * view.width as f64).ge(x.abs()));
         mask = L::and(mask, L::splat(0.5 * view.height as f64).ge(y.abs()));
-        mask = L::and(mask, plane_at(test.edges[0], x, y).ge(test.least[0]));
-        mask = L::and(mask, plane_at(test.edges[1], x, y).ge(test.least[1]));
-        mask = L::and(mask, plane_at(test.edges[2], x, y).ge(test.least[2]));
-        let value = plane_at(test.plane, x, y).max(test.range[0]).min(test.range[1]);
-        let seen = view.seen();
-        mask = L::and(mask, L::and(value.ge(L::splat(seen[0])), L::splat(seen[1]).ge(value)));
+        let (covers, value) = test.at(view, x, y);
+        mask = L::and(mask, covers);
         let mut left = L::bits(mask);
         if left == 0 {
             return;
@@ -249,23 +320,23 @@ impl Rest<'_, '_> {
             let column = (x + 0.5 * view.width as f64) as usize;
             let row = (y + 0.5 * view.height as f64) as usize;
             if self.unclear.has(column.min(view.width - 1), row.min(view.height - 1)) {
-                self.list.push(Point { x, y, value: values[lane], owner: owner as u32 });
+                self.trials.push(x, y, values[lane]);
             }
         }
     }
 }
 
 /// A face in all lanes.
-struct Test<L: Lanes> {
-    edges: [[L; 3]; 3],
-    least: [L; 3],
-    plane: [L; 3],
-    range: [L; 2],
+pub struct Test<L: Lanes> {
+    pub edges: [[L; 3]; 3],
+    pub least: [L; 3],
+    pub plane: [L; 3],
+    pub range: [L; 2],
 }
 
 impl<L: Lanes> Test<L> {
     #[inline(always)]
-    fn new(triangle: &Triangle) -> Self {
+    pub fn new(triangle: &Triangle) -> Self {
         let Triangle { edges: [e0, e1, e2], least: [l0, l1, l2], plane, range: [low, high], .. } = *triangle;
         Self {
             edges: [splat(e0), splat(e1), splat(e2)],
@@ -329,11 +400,11 @@ fn mix<L: Lanes>(weights: [L; 3], a: L, b: L, c: L) -> L {
 
 /// A plane over the image, in the order of [`Triangle::hit`].
 #[inline(always)]
-fn plane_at<L: Lanes>(plane: [L; 3], x: L, y: L) -> L {
+pub fn plane_at<L: Lanes>(plane: [L; 3], x: L, y: L) -> L {
     plane[0].mul(x).add(plane[1].mul(y).add(plane[2]))
 }
 
-/// [`size`] of several faces that lie before the eye.
+/// [`size`] of several faces that lie before the eye, the area negative where corners run counter-clockwise.
 #[inline(always)]
 fn sizes<L: Lanes>([a, b, c]: [[L; 4]; 3]) -> (L, L) {
     let one = L::splat(1.0);
@@ -344,7 +415,7 @@ fn sizes<L: Lanes>([a, b, c]: [[L; 4]; 3]) -> (L, L) {
     let wide = ax.max(bx).max(cx).sub(ax.min(bx).min(cx));
     let high = ay.max(by).max(cy).sub(ay.min(by).min(cy));
     let cross = bx.sub(ax).mul(cy.sub(ay)).sub(cx.sub(ax).mul(by.sub(ay)));
-    (wide.max(high), cross.abs())
+    (wide.max(high), cross)
 }
 
 /// The longer side of a face's box and twice its area, in pixels; nothing of either if a corner lies behind the eye.
@@ -409,10 +480,9 @@ fn project(view: &View, corners: &[Vertex; 3], weights: [f64; 3]) -> Option<[f64
 mod tests {
     use super::*;
     use crate::render::clusters::Clusters;
-    use crate::render::fixtures::{cameras, meshes};
-    use crate::render::frame::Frame;
+    use crate::render::fixtures::{ball, camera, cameras, meshes, projection};
     use crate::render::lanes::InstructionSet;
-    use crate::render::pyramid::Pyramid;
+    use crate::render::raster::Painter;
     use proptest::prelude::*;
 
     /// What tells points apart, in an order of its own.
@@ -451,8 +521,47 @@ mod tests {
             }
             for set in InstructionSet::available() {
                 let mut list = Vec::new();
-                set.run(First { view: &view, candidates: &candidates, points: 0..count, list: &mut list });
+                let wanted = Wanted { points: 0..count, away: 1 };
+                set.run(First { view: &view, candidates: &candidates, side: Side::Both, wanted, list: &mut list });
                 prop_assert_eq!(bits(&list), bits(&alone), "{:?}", set);
+            }
+        }
+
+        /// Balls are closed: what of them is seen turns one way. A part that is turned over makes it both.
+        #[test]
+        fn of_closed_surfaces_one_side_is_seen(turned in 0_usize..3, projection in projection()) {
+            let (mut vertices, mut faces) = (Vec::new(), Vec::new());
+            ball(DVec3::ZERO, 0.8, &mut vertices, &mut faces);
+            for (index, corners) in faces.iter_mut().enumerate() {
+                if turned == 1 || turned == 2 && index % 5 == 0 {
+                    corners.swap(0, 1);
+                }
+            }
+            let mesh = Mesh::new(&vertices, faces).unwrap();
+            let view = View::new(&mesh, &camera(3.0, 60, 60, 0.0, projection));
+            let all = 0..mesh.faces().len() as u32;
+            let clusters = Clusters::new(&mesh, all.clone());
+            let mut frame = Frame::default();
+            frame.clear(view.width, view.height);
+            Painter::default().draw(InstructionSet::best(), &view, &clusters, &mut frame.whole());
+            let side = Side::of_most(&view, &mesh, &frame);
+            let expected = [Side::Counter, Side::Clockwise, Side::Both][turned];
+            prop_assert_eq!(side, expected);
+            let away = all.filter(|&face| side.is_away(&view.project_face(&mesh, face))).count();
+            prop_assert_eq!(away > 300, turned < 2, "{} turn away", away);
+            // Of the others one of so many gets points.
+            frame.clear(view.width, view.height);
+            let (band, mut pyramid) = (frame.whole(), Pyramid::default());
+            pyramid.read(&band);
+            let mut candidates = Candidates::default();
+            candidates.gather(&view, &clusters, &mut pyramid, &band, &mut Unclear::default(), |_| false);
+            let mut list = Vec::new();
+            let wanted = Wanted { points: 0..1, away: 8 };
+            InstructionSet::Portable.run(First { view: &view, candidates: &candidates, side, wanted, list: &mut list });
+            for owner in 0..candidates.len() {
+                let has = list.iter().any(|point| point.owner == owner as u32);
+                let wanted = !side.is_away(candidates.corners(owner)) || candidates.id(owner).is_multiple_of(8);
+                prop_assert_eq!(has, wanted && Triangle::new(&view, candidates.corners(owner)).is_some());
             }
         }
 

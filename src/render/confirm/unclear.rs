@@ -175,12 +175,10 @@ impl Busy {
         }
     }
 
-    pub fn count(&self) -> usize {
-        self.tiles.iter().filter(|&&busy| busy).count()
-    }
-
-    pub fn has(&self, column: usize, row: usize) -> bool {
-        self.tiles[row * self.columns + column]
+    /// Their columns and rows.
+    pub fn squares(&self) -> impl Iterator<Item = [u32; 2]> + '_ {
+        let busy = self.tiles.iter().enumerate().filter(|&(_, &busy)| busy);
+        busy.map(|(tile, _)| [(tile % self.columns) as u32, (tile / self.columns) as u32])
     }
 }
 

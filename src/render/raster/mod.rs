@@ -55,9 +55,18 @@ impl Painter {
         self.run(set, view, clusters, Some(selection), band, &mut Untimed);
     }
 
-    /// [`draw`](Self::draw) into a band of a frame that is [clear in some squares](super::frame::Frame::clear_some) only.
-    pub fn draw_some(&mut self, set: InstructionSet, view: &View, clusters: &Clusters, band: &mut Band<'_>) {
-        self.pyramid.read_tiles(band);
+    /// [`draw`](Self::draw) into a frame that is [closed](super::frame::Frame::close) but for some squares of `side`
+    /// samples, which are clear.
+    pub fn draw_some(
+        &mut self,
+        set: InstructionSet,
+        view: &View,
+        clusters: &Clusters,
+        band: &mut Band<'_>,
+        side: usize,
+        squares: &[[u32; 2]],
+    ) {
+        self.pyramid.open(band, side, squares);
         self.run(set, view, clusters, None, band, &mut Untimed);
     }
 
@@ -413,8 +422,14 @@ mod tests {
             for set in InstructionSet::available() {
                 let whole = drawn(&view, view.height, |band| Painter::default().draw(set, &view, &clusters, band));
                 let mut frame = Frame::default();
-                frame.clear_some(view.width, view.height, side, open);
-                Painter::default().draw_some(set, &view, &clusters, &mut frame.whole());
+                let all = (0..view.height.div_ceil(side)).flat_map(|row| {
+                    (0..view.width.div_ceil(side)).map(move |column| [column as u32, row as u32])
+                });
+                let squares: Vec<_> =
+                    all.filter(|&[column, row]| open(column as usize, row as usize)).collect();
+                frame.close(view.width, view.height);
+                frame.fill(side, &squares, 0);
+                Painter::default().draw_some(set, &view, &clusters, &mut frame.whole(), side, &squares);
                 for (y, row) in frame.rows().enumerate() {
                     for (x, &sample) in row.iter().enumerate() {
                         let wanted = if open(x / side, y / side) { whole[y * view.width + x] } else { CLOSED };
