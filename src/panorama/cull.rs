@@ -236,7 +236,7 @@ fn is_hidden(
     loop {
         let toward = direction + eye * along;
         let length = toward.length();
-        if !(length > 1e-9) {
+        if length.is_nan() || length <= 1e-9 {
             return false;
         }
         let at = projection.place(toward);
