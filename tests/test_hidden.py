@@ -98,7 +98,7 @@ def test_too_few_views_say_so():
 def test_a_stripped_file_keeps_nodes_materials_and_instances(files):
     trimesh = need("trimesh")
     source, out = files
-    done = cyc.strip(source, out, max_missed=0.03, progress=False)
+    done = cyc.strip_hidden(source, out, max_missed=0.03, progress=False)
     before, after = (trimesh.load(path, process=False) for path in files)
     assert sorted(after.graph.nodes) == sorted(before.graph.nodes)
     for node in before.graph.nodes:
@@ -116,7 +116,7 @@ def test_a_stripped_file_keeps_nodes_materials_and_instances(files):
 
 def test_pictures_of_a_stripped_file_are_those_of_the_whole(files):
     source, out = files
-    done = cyc.strip(source, out, max_missed=0.03, progress=False)
+    done = cyc.strip_hidden(source, out, max_missed=0.03, progress=False)
     whole, stripped = cyc.load(source), cyc.load(out)
     rng = np.random.default_rng(5)
     lost = []
@@ -144,9 +144,9 @@ def test_the_file_itself_and_unknown_formats_are_not_written(files, tmp_path):
     source, _ = files
     before = source.read_bytes()
     with pytest.raises(ValueError, match="is the file that is read"):
-        cyc.strip(source, source, max_missed=0.05)
+        cyc.strip_hidden(source, source, max_missed=0.05)
     with pytest.raises(ValueError, match=r"trimesh does not write \.xyzw"):
-        cyc.strip(source, tmp_path / "out.xyzw", max_missed=0.05, progress=False)
+        cyc.strip_hidden(source, tmp_path / "out.xyzw", max_missed=0.05, progress=False)
     assert source.read_bytes() == before and not (tmp_path / "out.xyzw").exists()
 
 

@@ -80,3 +80,19 @@ def test_the_five_commands_of_the_readme_lead_to_a_chart_and_a_decision(tmp_path
     said = capsys.readouterr().out
     assert "cheapest with at most 0.2 missed" in said
     assert {"bunny.ply", "tradeoff.png", "bunny.npz"} <= {path.name for path in tmp_path.iterdir()}
+
+
+def test_no_module_takes_the_place_of_a_public_name():
+    script = """
+        import importlib
+        import pkgutil
+
+        import cyclorama
+
+        before = {name: getattr(cyclorama, name) for name in cyclorama.__all__}
+        for module in pkgutil.walk_packages(cyclorama.__path__, "cyclorama."):
+            if not module.name.endswith("__main__"):
+                importlib.import_module(module.name)
+        assert [name for name, value in before.items() if getattr(cyclorama, name) is not value] == []
+    """
+    subprocess.run([sys.executable, "-c", textwrap.dedent(script)], check=True)

@@ -25,7 +25,7 @@ from .bakes.visibility import Visibility
 from .bitfield import Bitfields
 from .camera import Camera
 from .depth_image import DepthImage, disparity_from_zbuffer
-from .hidden import never_seen, strip
+from .hidden import never_seen, strip_hidden
 from .ldi import LayeredDepthImage
 from .loading import describe, load
 from .placement import place_images
@@ -77,7 +77,7 @@ __all__ = [
     "scenes",
     "sightings",
     "sphere",
-    "strip",
+    "strip_hidden",
     "tradeoff",
     "visible_from",
     "warp",

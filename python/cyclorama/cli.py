@@ -305,10 +305,10 @@ def _walk(asked: argparse.Namespace) -> int:
 
 
 def _strip(asked: argparse.Namespace) -> int:
-    from .hidden import strip
+    from .hidden import strip_hidden
 
     box = None if asked.inside is None else (asked.inside[:3], asked.inside[3:])
-    done = strip(
+    done = strip_hidden(
         asked.mesh,
         asked.out,
         inside=box,

@@ -30,7 +30,7 @@ from .progress import Progress, reporter
 from .region import check_box
 from .scene import Scene
 
-__all__ = ["Hidden", "Stripped", "never_seen", "strip"]
+__all__ = ["Hidden", "Stripped", "never_seen", "strip_hidden"]
 
 #: Views that are asked before what they saw is kept, and from which nothing is asked at the beginning.
 ROUND, BEGIN = 256, 66
@@ -78,7 +78,7 @@ class Hidden:
 
 @dataclass(frozen=True, eq=False)
 class Stripped:
-    """What `strip` wrote, and what it left out.
+    """What `strip_hidden` wrote, and what it left out.
 
     Attributes
     ----------
@@ -177,7 +177,7 @@ def never_seen(
     return Hidden(seen, taken, float(np.mean(scores)) if scores else 1.0, bound)
 
 
-def strip(
+def strip_hidden(
     source: str | os.PathLike[str],
     out: str | os.PathLike[str],
     *,
@@ -220,7 +220,7 @@ def strip(
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     balls = [trimesh.creation.icosphere(radius=radius) for radius in (1.0, 0.5)]
     ...     _ = trimesh.Scene(balls).export(f"{folder}/nested.glb")
-    ...     strip(f"{folder}/nested.glb", f"{folder}/shell.glb", max_missed=0.05, progress=False).kept
+    ...     strip_hidden(f"{folder}/nested.glb", f"{folder}/shell.glb", max_missed=0.05, progress=False).kept
     1280
     """
     source, out = Path(source), Path(out)
