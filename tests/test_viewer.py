@@ -1,5 +1,7 @@
 """A bake as a page, looked at in a browser."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,7 @@ import cyclorama as cyc
 from browser import browser, page_of
 from cyclorama import pages, viewer
 from cyclorama.pages.packing import pack
+from cyclorama.placement.plan import Images
 from peers import need
 
 STATE = "window.cyclorama.state()"
@@ -77,12 +80,17 @@ def test_the_eye_stays_while_the_view_turns(gear, running, tmp_path):
 
 def test_backdrops_of_a_plan_are_shown(running, tmp_path):
     scene = cyc.scenes.pipes(2_000)
-    plan = cyc.place_images(scene, budget=1_600, progress=False)
+    corners = np.array([[[-0.5, 0.5, 0], [0.5, 0.5, 0], [0.5, -0.5, 0], [-0.5, -0.5, 0]]])
+    plan = SimpleNamespace(images=Images(np.array([0]), corners, np.array([[0, 0, 1.0]]), np.array([[0, 360.0]])))
     vis = cyc.bake(scene, views=6, resolution=(64, 60), progress=False)
     viewer.write_page(vis, scene, tmp_path / "pipes.html", plan=plan)
     with page_of(running, (tmp_path / "pipes.html").as_uri()) as page:
         page.wait_for_function(f"window.cyclorama && {STATE}.missed", timeout=60_000)
-        assert page.is_visible("[name=backdrops]") == (len(plan.images) > 0)
+        assert page.is_visible("[name=backdrops]")
+        shown = page.screenshot()
+        page.uncheck("[name=backdrops]")
+        page.wait_for_timeout(300)
+        assert page.screenshot() != shown
         assert not page.is_visible("[name=patches]")
 
 

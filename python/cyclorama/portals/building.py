@@ -156,9 +156,9 @@ class Building:
         Examples
         --------
         >>> import cyclorama as cyc
-        >>> home = cyc.scenes.house(rooms=3, seed=1)
+        >>> home = cyc.scenes.house(rooms=4)
         >>> Building.find(home, progress=False)
-        <Building: 3 cells, ...
+        <Building: 4 cells, ...
         """
         with reporter(progress, len(scene), "faces") as report:
             found = find(scene, door, voxel, max_bytes, report)
@@ -220,7 +220,7 @@ class Building:
         Examples
         --------
         >>> import cyclorama as cyc
-        >>> home = cyc.scenes.house(rooms=3, seed=1)
+        >>> home = cyc.scenes.house(rooms=4)
         >>> building = Building(home, home.cells, home.portals)
         >>> eye = (home.cells[0]["min"] + home.cells[0]["max"]) / 2
         >>> len(building.visible(cyc.Camera.look_at(eye, eye + (1, 0, 0)))) < len(home)
@@ -312,7 +312,7 @@ class Building:
         Examples
         --------
         >>> import cyclorama as cyc
-        >>> home = cyc.scenes.house(rooms=3, seed=1)
+        >>> home = cyc.scenes.house(rooms=4)
         >>> building = Building(home, home.cells, home.portals)
         >>> building.paint("static", step=30, size=(32, 32), progress=False).store.missing()
         []
@@ -367,7 +367,7 @@ class Building:
         Examples
         --------
         >>> import cyclorama as cyc
-        >>> home = cyc.scenes.house(rooms=3, seed=1)
+        >>> home = cyc.scenes.house(rooms=4)
         >>> building = Building(home, home.cells, home.portals)
         >>> eye = (home.cells[0]["min"] + home.cells[0]["max"]) / 2
         >>> frame = building.frame(eye, home.portals[0]["polygon"].mean(0) - eye)
@@ -416,7 +416,7 @@ class Building:
         Examples
         --------
         >>> import cyclorama as cyc
-        >>> home = cyc.scenes.house(rooms=3, seed=1)
+        >>> home = cyc.scenes.house(rooms=4)
         >>> building = Building(home, home.cells, home.portals)
         >>> eye = (home.cells[0]["min"] + home.cells[0]["max"]) / 2
         >>> building.draw(eye, home.portals[0]["polygon"].mean(0) - eye, size=(64, 48)).hole.any()
