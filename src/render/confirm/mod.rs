@@ -9,7 +9,8 @@
 //! since a face that hides one point of another often hides most of it ([`trials`]).
 //!
 //! On a closed surface only one side is ever seen, though at silhouettes the picture hides little of the other. Where the
-//! picture shows one side only, a sample of the other's faces is tested first ([`place::Side`]).
+//! picture shows one side only, a sample of the other's faces is tested first ([`place::Side`]): that is enough unless the
+//! view is cluttered.
 //!
 //! Missed is what can only be seen between all tested points, or through a gap between samples that seem to hide it.
 
@@ -37,7 +38,7 @@ use unclear::{Busy, Unclear};
 const FIRST: usize = 4;
 
 /// Of the faces that turn the other way than all that the picture shows, one of so many is tested; the others only if
-/// one of those is seen. On a closed surface none is.
+/// one of those is seen, or in clutter. On a closed surface none is.
 const AWAY: u32 = 8;
 
 /// Points of a face that are tested together, in turn: what hides one of them often hides most of the others.
@@ -96,16 +97,21 @@ impl Confirm {
         candidates.gather(&view, scene.clusters(), pyramid, &band, unclear, |face| is_set(row, face));
         let wanted = Wanted { points: 0..rays.points.min(1), away: AWAY };
         let (mut found, away) = self.first(scene, &view, side, wanted, row);
-        if away == 0 {
-            self.candidates.retain(|corners, _| !side.is_away(corners));
-        }
-        // Else those left out above still lack their first point.
-        let wanted = Wanted { points: usize::from(away == 0)..FIRST.min(rays.points), away: 1 };
+        // Where some are seen, those left out above still lack their first point; else they get no more, for now.
+        let wanted = match away {
+            0 => Wanted { points: 1..FIRST.min(rays.points), away: u32::MAX },
+            _ => Wanted { points: 0..FIRST.min(rays.points), away: 1 },
+        };
         found += self.first(scene, &view, side, wanted, row).0;
         let visible: u32 = row.iter().map(|word| word.count_ones()).sum();
         let unclear = self.candidates.unclear - found;
         if rays.supersampling == 1 || (unclear as f64) < CLUTTERED * f64::from(visible) {
             return;
+        }
+        // In clutter few points say little, not even of a whole side.
+        if away == 0 && side != Side::Both {
+            let wanted = Wanted { points: 0..FIRST.min(rays.points), away: u32::MAX };
+            self.first(scene, &view, side.other(), wanted, row);
         }
         self.drop_hidden(scene, &view);
         let Self { pyramid, unclear, candidates, busy, squares, .. } = self;

@@ -59,6 +59,15 @@ impl Side {
         }
     }
 
+    /// The side of those that turn away.
+    pub fn other(self) -> Self {
+        match self {
+            Self::Both => Self::Both,
+            Self::Clockwise => Self::Counter,
+            Self::Counter => Self::Clockwise,
+        }
+    }
+
     /// Whether a face turns the other way.
     pub fn is_away(self, corners: &[Vertex; 3]) -> bool {
         let before = corners.iter().all(|corner| corner.w > 0.0);
