@@ -71,9 +71,9 @@ $(VENV)/.demo: pyproject.toml | $(VENV)/.python
 	$(BIN)/pip install --quiet --editable '.[$(DEMO_EXTRAS)]'
 	@touch $@ $(VENV)/.built
 
-# Of the system packages, libusb is for Open3D, Chromium looks at pages, the rest give pyrender EGL and a software OpenGL.
+# Of the system packages, libusb is for Open3D, Chromium looks at pages, POV-Ray draws panoramas, the rest give pyrender EGL and a software OpenGL.
 $(VENV)/.test: pyproject.toml tools/system-packages | $(VENV)/.python
-	tools/system-packages libusb-1.0-0 libegl1 libegl-mesa0 libgl1 libgl1-mesa-dri chromium
+	tools/system-packages libusb-1.0-0 libegl1 libegl-mesa0 libgl1 libgl1-mesa-dri chromium povray
 	$(BIN)/pip install --quiet --editable '.[test]'
 	@touch $@ $(VENV)/.demo $(VENV)/.built
 
