@@ -155,6 +155,34 @@ def bitfield_decode(
     starts: npt.NDArray[np.uint64],
     checksum: int,
 ) -> npt.NDArray[np.uint64]: ...
+def compose(
+    canvas: tuple[
+        npt.NDArray[np.uint8],
+        npt.NDArray[np.float32],
+        npt.NDArray[np.uint32],
+        npt.NDArray[np.bool_] | None,
+        npt.NDArray[np.int32],
+    ],
+    layer: tuple[
+        npt.NDArray[np.float32],
+        npt.NDArray[np.float32] | None,
+        npt.NDArray[np.uint8] | None,
+        npt.NDArray[np.uint32] | None,
+        npt.NDArray[np.bool_] | None,
+        npt.NDArray[np.bool_] | None,
+    ],
+    at: tuple[int, int],
+    label: int,
+    scale: float = 1.0,
+    names: npt.NDArray[np.uint32] | None = None,
+    twice: npt.NDArray[np.bool_] | None = None,
+) -> int: ...
+def rays_enter(
+    sides: npt.NDArray[np.float64],
+    near: float,
+    depth: npt.NDArray[np.float32],
+    within: npt.NDArray[np.bool_],
+) -> int: ...
 def morton_order(points: npt.NDArray[np.float64]) -> npt.NDArray[np.uint32]: ...
 def visibility_probe(
     mesh: Mesh,

@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .camera import Camera
+from .compose import Canvas
 from .geometry_warp import ImagePlane, Plane, bent_camera
 from .placing import quadrilateral
 from .render import BACKGROUND
@@ -50,7 +51,7 @@ class Composed:
         plane. Infinity where nothing is.
     ids : (H, W) ndarray of uint32
         The scene's face at each pixel, `BACKGROUND` where there is none or the image is.
-    layer : (H, W) ndarray of uint8
+    layer : (H, W) ndarray of int32
         0 nothing, 1 near geometry, 2 surrounding geometry, 3 image.
     faces : int
         How many faces were drawn; those of the scene that are cut count once for each part.
@@ -61,22 +62,20 @@ class Composed:
     color: npt.NDArray[np.uint8]
     depth: npt.NDArray[np.float32]
     ids: npt.NDArray[np.uint32]
-    layer: npt.NDArray[np.uint8]
+    layer: npt.NDArray[np.int32]
     faces: int
     camera: Camera
 
     @classmethod
     def empty(cls, camera: Camera) -> Composed:
         """Nothing, as a camera sees it."""
-        shape = (camera.height, camera.width)
-        return cls(
-            np.full((*shape, 3), 255, np.uint8),
-            np.full(shape, np.inf, np.float32),
-            np.full(shape, BACKGROUND, np.uint32),
-            np.zeros(shape, np.uint8),
-            0,
-            camera,
-        )
+        canvas = Canvas.empty(camera.height, camera.width, NOTHING)
+        return cls(canvas.color, canvas.depth, canvas.ids, canvas.layer, 0, camera)
+
+    @property
+    def canvas(self) -> Canvas:
+        """The picture, to lay something over it."""
+        return Canvas(self.color, self.depth, self.ids, self.layer)
 
 
 class Part:
@@ -153,12 +152,9 @@ class Part:
         out: Composed, cut: Cut, camera: Camera, scale: float, faces: Ids | None, layer: int, but: Mask | None
     ) -> int:
         view = cut.scene.render(camera, faces)
-        depth = view.depth * np.float32(scale)
-        seen = (view.ids != BACKGROUND) & (depth < out.depth)
-        if but is not None:
-            seen &= ~but
-        out.ids[seen], out.layer[seen] = cut.faces[view.ids[seen]], layer
-        out.depth[seen], out.color[seen] = depth[seen], view.color[seen]
+        within = None if but is None else ~but
+        canvas, names = out.canvas, np.ascontiguousarray(cut.faces, np.uint32)
+        canvas.lay(view.depth, layer, color=view.color, ids=view.ids, within=within, scale=scale, names=names)
         return len(cut.faces if faces is None else faces)
 
     def _draw_image(self, out: Composed) -> Mask:
@@ -183,16 +179,11 @@ class Part:
         rows, columns = np.nonzero(inside)
         to_picture = _homogeneous(self.camera, basis) @ from_pixel
         u, v, w = to_picture @ np.stack([x[columns], y[rows, 0], np.ones(len(rows))])
-        color = sampled(self.picture, np.column_stack([u / w, v / w]))
-        depth = np.zeros_like(nearness)
-        depth[inside] = 1.0 / nearness[inside]
-        shown = np.zeros_like(inside)
-        shown[inside] = color[:, 3] > 0
-        before = depth[shown] < out.depth[shown]
-        color = color[color[:, 3] > 0][before]
-        shown[shown] = before
-        out.ids[shown], out.layer[shown] = BACKGROUND, IMAGE
-        out.depth[shown], out.color[shown] = depth[shown], color[:, :3]
+        found = sampled(self.picture, np.column_stack([u / w, v / w]))
+        color, depth = np.empty_like(out.color), np.full(out.depth.shape, np.inf, np.float32)
+        color[inside] = found[:, :3]
+        depth[inside] = np.where(found[:, 3] > 0, 1.0 / nearness[inside], np.inf)
+        out.canvas.lay(depth, IMAGE, color=color)
         return inside
 
 
@@ -473,7 +464,7 @@ class BackdropWalk:
 
     def _plain(self, camera: Camera) -> Composed:
         view = self.backdrop.scene.render(camera)
-        layer = np.where(view.ids == BACKGROUND, NOTHING, NEAR).astype(np.uint8)
+        layer = np.where(view.ids == BACKGROUND, NOTHING, NEAR).astype(np.int32)
         return Composed(view.color, view.depth, view.ids, layer, len(self.backdrop.scene), camera)
 
 

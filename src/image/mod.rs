@@ -1,5 +1,6 @@
 //! Pictures with depth that stand in for geometry.
 
+pub mod compose;
 pub mod depth_mesh;
 pub mod layered;
 pub mod warp;

@@ -2,6 +2,7 @@
 
 mod arrays;
 mod bitfield;
+mod compose;
 mod depth_mesh;
 mod errors;
 mod interrupt;
@@ -21,6 +22,7 @@ use pyo3::prelude::*;
 #[pymodule]
 fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     bitfield::register(m)?;
+    compose::register(m)?;
     depth_mesh::register(m)?;
     layered::register(m)?;
     octree::register(m)?;

@@ -329,6 +329,7 @@ class Backdrops:
         warp_size: tuple[int, int] | None = None,
         prefetch: bool = True,
         threads: int | None = None,
+        out: Drawn | None = None,
     ) -> Drawn:
         """The composed picture of an eye: geometry, and the backdrop where that is nearer.
 
@@ -352,6 +353,8 @@ class Backdrops:
             Load the images of viewpoints nearby on a background thread.
         threads : int, optional
             All cores by default. The picture doesn't depend on it.
+        out : Drawn, optional
+            A frame of the same size that is not wanted any more: its memory is used again.
 
         Returns
         -------
@@ -375,6 +378,7 @@ class Backdrops:
             splat=splat,
             warp_size=warp_size,
             threads=threads,
+            out=out,
         )
 
     def close(self) -> None:

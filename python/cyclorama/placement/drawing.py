@@ -8,18 +8,19 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from ..camera import Camera
+from ..compose import Canvas, entered
 from ..depth_image import DepthImage
 from ..geometry_warp import ImagePlane, bent_camera
 from ..ldi import LayeredDepthImage
 from ..placing import camera_through
-from ..render import BACKGROUND, View
+from ..render import View
 from ..scene import Scene
 from ..warp import Warped, forward
 from .foreground import Foreground, Nearer
@@ -38,8 +39,8 @@ Splat = int | Literal["projected"]
 Display = Literal["ldi", "warp", "mesh", "quad", "geometry"]
 DISPLAYS: tuple[Display, ...] = ("ldi", "warp", "mesh", "quad", "geometry")
 
-# What an image shows is before the same surface drawn as geometry if it is nearer than this share of its depth.
-_SAME = 0.995
+#: What `Drawn.layer` says of pixels that show geometry, or nothing.
+GEOMETRY = -1
 
 
 @dataclass(frozen=True)
@@ -91,8 +92,8 @@ class Drawn:
     hole : (H, W) ndarray of bool
         Pixels of which it is not known what they show: no sample of the backdrop came to lie there, and the ray goes
         through the space that the backdrop stands for before it meets geometry.
-    backdrop : (H, W) ndarray of bool
-        Pixels that show the backdrop.
+    layer : (H, W) ndarray of int32
+        The image that a pixel shows, by index; -1 where it shows geometry, or nothing.
     ids : (H, W) ndarray of uint32
         The face of pixels that show geometry, `BACKGROUND` elsewhere.
     nearer : (K,) ndarray of uint32
@@ -104,11 +105,48 @@ class Drawn:
     color: Bytes
     depth: npt.NDArray[np.float32]
     hole: Mask
-    backdrop: Mask
+    layer: npt.NDArray[np.int32]
     ids: npt.NDArray[np.uint32]
     nearer: npt.NDArray[np.uint32]
     camera: Camera
     stats: DrawStats
+
+    @classmethod
+    def empty(cls, camera: Camera) -> Drawn:
+        """Memory for frames of a camera's size.
+
+        Parameters
+        ----------
+        camera : Camera
+
+        Examples
+        --------
+        >>> Drawn.empty(Camera.look_at((0, 0, 1), (0, 0, 0), width=3, height=2)).depth.shape
+        (2, 3)
+        """
+        canvas = Canvas.empty(camera.height, camera.width, GEOMETRY)
+        assert canvas.hole is not None
+        stats = DrawStats(None, 0, 0, 0, 0, 0.0, 0.0, 0.0, 0.0)
+        none = np.empty(0, np.uint32)
+        return cls(canvas.color, canvas.depth, canvas.hole, canvas.layer, canvas.ids, none, camera, stats)
+
+    def checked(self, camera: Camera) -> Drawn:
+        """The same, if it has a camera's size.
+
+        Raises
+        ------
+        ValueError
+            If not.
+        """
+        height, width = self.depth.shape
+        if (height, width) != (camera.height, camera.width):
+            raise ValueError(f"out is a picture of {width} x {height}, the frame has {camera.width} x {camera.height}")
+        return self
+
+    @property
+    def backdrop(self) -> Mask:
+        """(H, W) bool: pixels that show an image."""
+        return np.asarray(self.layer != GEOMETRY)
 
     def __repr__(self) -> str:
         height, width = self.hole.shape
@@ -182,6 +220,7 @@ def draw(
     splat: Splat | None = None,
     warp_size: tuple[int, int] | None = None,
     threads: int | None = None,
+    out: Drawn | None = None,
 ) -> Drawn:
     """Draws a frame; see `Backdrops.draw`."""
     if display not in DISPLAYS:
@@ -189,6 +228,7 @@ def draw(
     plan, scene = pictures.plan, pictures.scene
     clock = [time.perf_counter()]
     camera = frame_camera(plan, eye, gaze, size)
+    out = Drawn.empty(camera) if out is None else out.checked(camera)
     frame = plan.frame(eye, gaze)
     index = None if frame.image is None else frame.image.index
     faces, near = frame.faces, Nearer(np.empty(0, np.uint32), 0.0)
@@ -198,36 +238,60 @@ def draw(
         near = pictures.foreground.of(pictures.foreground.cells(index), camera, room)
         faces = np.concatenate([faces, near.faces])
     clock.append(time.perf_counter())
-    if display == "geometry" and index is not None:
-        view = _bent(pictures, index, faces, camera, threads)
-    else:
-        view = scene.render(camera, faces, threads=threads)
-    color, depth = pictures.color(view), view.depth
+    canvas = Canvas(out.color, out.depth, out.ids, out.layer, out.hole)
+    _geometry(pictures, canvas, faces, camera, index if display == "geometry" else None, threads)
     clock.append(time.perf_counter())
-    hole, shown = np.zeros(depth.shape, np.bool_), np.zeros(depth.shape, np.bool_)
-    ids, samples, culled = view.ids, 0, 0
+    samples = culled = 0
+    warped = clock[-1]
     if index is not None:
         culled = len(plan.culled(index))
-    if index is None or np.isinf(near.depth):
-        clock.append(clock[-1])
-    else:
-        small = camera if warp_size is None else camera.with_size(*warp_size)
-        behind, samples = _backdrop(pictures, index, small.replace(near=near.depth), display, splat, threads)
-        if warp_size is not None:
-            behind = _scaled(behind, camera)
-        clock.append(time.perf_counter())
-        # What is in the image and drawn as well is as deep in both, but for rounding to the image's pixels.
-        twice = np.isin(ids, near.faces, kind="table") if len(near.faces) else np.zeros(ids.shape, np.bool_)
-        shown = ~behind.hole & (behind.depth < np.where(twice, depth * _SAME, depth))
-        color = np.where(shown[..., None], behind.color, color)
-        hole = behind.hole.copy()
-        if hole.any():
-            hole[hole] = _enters(pictures.space(index), camera, np.argwhere(hole), depth[hole], near.depth)
-        ids = np.where(shown, BACKGROUND, ids)
-        depth = np.where(shown, behind.depth, depth)
-    clock.append(time.perf_counter())
+        within = entered(pictures.space(index), camera, out.depth, near.depth)
+        if within.any():
+            small = camera if warp_size is None else camera.with_size(*warp_size)
+            behind, samples = _backdrop(pictures, index, small.replace(near=near.depth), display, splat, threads)
+            if warp_size is not None:
+                behind = _scaled(behind, camera)
+            warped = time.perf_counter()
+            # What is in the image and drawn as well is as deep in both, but for rounding to the image's pixels.
+            twice = np.zeros(len(scene), np.bool_)
+            twice[near.faces] = True
+            hole = behind.hole & within
+            # What a flat image shows is elsewhere.
+            flat = display in ("quad", "geometry")
+            canvas.lay(behind.depth, index, color=behind.color, within=None if flat else within, twice=twice)
+            out.hole[hole] = True
+    clock += [warped, time.perf_counter()]
     stats = DrawStats(index, len(faces), len(near.faces), culled, samples, *(1e3 * np.diff(clock)).tolist())
-    return Drawn(color, depth, hole, shown, ids, near.faces, camera, stats)
+    return replace(out, nearer=near.faces, camera=camera, stats=stats)
+
+
+def _geometry(
+    pictures: Pictures,
+    canvas: Canvas,
+    faces: npt.NDArray[np.uint32],
+    camera: Camera,
+    bend: int | None,
+    threads: int | None,
+) -> None:
+    """Draws faces on a canvas; those beyond the plane of an image, if one is given, bent to it (section 5.1.1)."""
+    scene = pictures.scene
+    bent = faces[:0]
+    if bend is not None:
+        viewpoint = pictures.plan.viewpoints[pictures.plan.images.viewpoint[bend]]
+        plane = ImagePlane.of(pictures.plan.images.corners[bend], viewpoint)
+        # A face through the plane stays where it is: it touches both sides.
+        beyond = plane.behind(scene.vertices)[scene.faces[faces]].min(axis=1) >= 0
+        faces, bent = faces[~beyond], faces[beyond]
+    view = View(canvas.ids, canvas.depth, camera, scene)
+    scene.render(camera, faces, out=view, threads=threads)
+    if len(bent):
+        towards, scale = bent_camera(plane, camera)
+        far = scene.render(towards, bent, threads=threads)
+        canvas.lay(far.depth, GEOMETRY, ids=far.ids, scale=scale)
+    canvas.color[...] = pictures.color(view)
+    canvas.layer.fill(GEOMETRY)
+    if canvas.hole is not None:
+        canvas.hole.fill(False)
 
 
 def _backdrop(
@@ -294,43 +358,9 @@ def _between(color: Bytes, u: Floats, v: Floats) -> Bytes:
     return np.asarray(np.rint(upper * (1 - t) + lower * t).astype(np.uint8))
 
 
-def _bent(pictures: Pictures, index: int, faces: npt.NDArray[np.uint32], camera: Camera, threads: int | None) -> View:
-    """Geometry, what is beyond the image's plane bent to the image (section 5.1.1)."""
-    scene = pictures.scene
-    viewpoint = pictures.plan.viewpoints[pictures.plan.images.viewpoint[index]]
-    plane = ImagePlane.of(pictures.plan.images.corners[index], viewpoint)
-    # A face through the plane stays where it is: it touches both sides.
-    beyond = plane.behind(scene.vertices)[scene.faces[faces]].min(axis=1) >= 0
-    view = scene.render(camera, faces[~beyond], threads=threads)
-    bent, scale = bent_camera(plane, camera)
-    far = scene.render(bent, faces[beyond], threads=threads)
-    deep = far.depth * np.float32(scale)
-    nearer = deep < view.depth
-    view.ids[nearer], view.depth[nearer] = far.ids[nearer], deep[nearer]
-    return view
-
-
 def _scaled(warped: Warped, camera: Camera) -> Warped:
     """A picture at another size: each pixel that of the small one which holds its centre, and its depth."""
     rows = ((np.arange(camera.height) + 0.5) * warped.hole.shape[0] / camera.height).astype(np.int64)
     columns = ((np.arange(camera.width) + 0.5) * warped.hole.shape[1] / camera.width).astype(np.int64)
     at = np.ix_(rows, columns)
     return Warped(warped.color[at], warped.depth[at], warped.hole[at], warped.exact[at], warped.source[at], camera)
-
-
-def _enters(
-    space: Floats, camera: Camera, pixels: npt.NDArray[np.int64], depth: npt.NDArray[np.float32], near: float
-) -> Mask:
-    """Whether the rays of (row, column) pixels come into a convex space, beyond a depth and before others."""
-    # Along a ray, depth t is at eye + t ray.
-    back = camera.camera_to_world[:3, :3] @ np.linalg.inv(camera.K)
-    places = np.column_stack([pixels[:, 1] + 0.5, pixels[:, 0] + 0.5, np.ones(len(pixels))])
-    slope = places @ (space[:, :3] @ back).T
-    start = space[:, :3] @ camera.eye + space[:, 3]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        cross = -start / slope
-    enter = np.where(slope > 0, cross, -np.inf).max(axis=1)
-    leave = np.where(slope < 0, cross, np.inf).min(axis=1)
-    outside = ((slope == 0) & (start < 0)).any(axis=1)
-    enter = np.maximum(enter, near)
-    return np.asarray((enter <= leave) & ~outside & (enter < depth))

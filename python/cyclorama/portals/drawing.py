@@ -16,10 +16,11 @@ import numpy.typing as npt
 
 from ..backdrop import cut, sampled
 from ..camera import Camera
+from ..compose import Canvas
 from ..depth_image import DepthImage
 from ..geometry_warp import Plane, bent_camera
 from ..ldi import LayeredDepthImage
-from ..render import BACKGROUND, View
+from ..render import View
 from ..scene import Scene
 from ..warp import Splat, Warped, forward
 from .cones import Cone
@@ -297,27 +298,24 @@ def draw(
     found = frame(images, camera, shares=shares, deadline=deadline, threads=threads)
     clock.append(time.perf_counter())
     view = scene.render(camera, found.faces, threads=threads)
-    color, depth, ids = images.color(view).copy(), view.depth, view.ids
+    color, shape = images.color(view).copy(), view.depth.shape
     clock.append(time.perf_counter())
-    hole = np.zeros(depth.shape, bool)
-    portal = np.full(depth.shape, NO_PORTAL)
+    hole, portal = np.zeros(shape, np.bool_), np.full(shape, NO_PORTAL)
+    canvas = Canvas(color, view.depth, view.ids, portal, hole)
     for shown in found.views:
         side = images.sides[images.number(shown.portal, _place(images, shown))]
         window = _Window.of(shown.opening, side, camera)
         if window is None:
             continue
-        at = window.at
-        new = _bent(images, side, shown, window, threads) if shown.share < 1.0 else None
-        new = new or _image(images, shown, window, splat, threads)
+        bent = shown.share < 1.0
+        new = _bent(images, side, shown, window, threads) if bent else _image(images, shown, window, splat, threads)
         # What is nearer than the portal hides it; all that is beyond it is the image's.
-        over = window.inside & (window.depth <= depth[at])
-        color[at][over], depth[at][over], ids[at][over] = new.color[over], new.depth[over], new.ids[over]
-        hole[at][over] = new.hole[over]
-        portal[at][over] = shown.portal if shown.share == 1.0 else NO_PORTAL
+        label = int(NO_PORTAL) if bent else shown.portal
+        canvas.lay(new.depth, label, color=new.color, ids=new.ids, hole=new.hole, before=window.depth, at=window.at)
     clock.append(time.perf_counter())
     times = (1e3 * np.diff(clock)).tolist()
     stats = PortalStats(found.drawn, sum(len(v.images) for v in found.views), images.painted - before, *times)
-    return PortalDrawn(color, depth, hole, ids, portal, camera, found, stats)
+    return PortalDrawn(color, view.depth, hole, view.ids, portal, camera, found, stats)
 
 
 def _place(images: PortalImages, view: PortalView) -> int:
@@ -330,19 +328,19 @@ class _Window:
 
     Attributes
     ----------
-    at : pair of slice
-        The rectangle around them.
+    at : (int, int)
+        Row and column of the rectangle around them.
     inside : (h, w) ndarray of bool
         Which of the rectangle's they are.
-    depth : (h, w) ndarray of float64
-        Of the portal's plane; infinity where it isn't met.
+    depth : (h, w) ndarray of float32
+        Of the portal's plane; infinity where the portal isn't met.
     camera : Camera
         Sees the rectangle alone.
     """
 
-    at: tuple[slice, slice]
+    at: tuple[int, int]
     inside: Mask
-    depth: Floats
+    depth: npt.NDArray[np.float32]
     camera: Camera
 
     @classmethod
@@ -369,18 +367,17 @@ class _Window:
         sides *= np.sign(sides @ edges.mean(axis=0))[:, None]
         for normal in sides:
             inside &= rays @ normal >= 0
-        at = (slice(int(low[1]), int(high[1])), slice(int(low[0]), int(high[0])))
-        return cls(at, inside, np.where(inside, depth, np.inf), part)
+        return cls((int(low[1]), int(low[0])), inside, np.where(inside, depth, np.inf).astype(np.float32), part)
 
 
 @dataclass(frozen=True, eq=False)
 class _Content:
-    """What a window shows."""
+    """What a window shows: pictures have no faces, geometry has no holes."""
 
     color: Bytes
     depth: npt.NDArray[np.float32]
-    hole: Mask
-    ids: Ids
+    hole: Mask | None = None
+    ids: Ids | None = None
 
 
 def _image(
@@ -389,21 +386,19 @@ def _image(
     """A portal's image as the eye sees it."""
     pictures = [images.store.get(index) for index in shown.images]
     camera = window.camera
-    shape = (camera.height, camera.width)
-    flat = np.zeros((*shape, 3), np.uint8)
+    flat = np.zeros((camera.height, camera.width, 3), np.uint8)
     _, rays = camera.rays()
     places = camera.eye + rays[window.inside] * window.depth[window.inside][:, None]
     flat[window.inside] = sampled(_front(pictures[0]), pictures[0].camera.project(places)[0])[:, :3]
-    nothing = np.full(shape, BACKGROUND)
     if images.kind == "static":
-        return _Content(flat, window.depth.astype(np.float32), np.zeros(shape, bool), nothing)
+        return _Content(flat, window.depth)
     warped: Warped
     if isinstance(pictures[0], LayeredDepthImage):
         warped = pictures[0].warp(camera, splat or "projected", background=flat, threads=threads)  # type: ignore[arg-type]
     else:
         # The nearest comes last: it is drawn over the others.
         warped = forward(pictures[::-1], camera, splat=splat or "mesh", background=flat, threads=threads)
-    return _Content(warped.color, warped.depth, warped.hole, nothing)
+    return _Content(warped.color, warped.depth, warped.hole)
 
 
 def _front(image: Flat | DepthImage | LayeredDepthImage) -> Bytes:
@@ -421,12 +416,7 @@ def _front(image: Flat | DepthImage | LayeredDepthImage) -> Bytes:
 def _bent(images: PortalImages, side: Side, shown: PortalView, window: _Window, threads: int | None) -> _Content:
     """What is behind a portal in a transition, bent as if the image had been made from an eye on the way (5.1.3)."""
     scene, camera = images.building.scene, window.camera
-    out = _Content(
-        np.full((camera.height, camera.width, 3), 255, np.uint8),
-        np.full((camera.height, camera.width), np.inf, np.float32),
-        np.zeros((camera.height, camera.width), bool),
-        np.full((camera.height, camera.width), BACKGROUND),
-    )
+    out = Canvas.empty(camera.height, camera.width)
     eye = camera.eye + shown.share * (shown.viewpoint - camera.eye)
     plane = Plane(eye, side.normal, side.before(eye))
     bent, scale = bent_camera(plane, camera)
@@ -442,11 +432,8 @@ def _bent(images: PortalImages, side: Side, shown: PortalView, window: _Window, 
             parts.append((kept.scene, None, kept.faces))
     for drawn, faces, names in parts:
         view = drawn.render(bent, faces, threads=threads)
-        depth = view.depth * np.float32(scale)
-        nearer = depth < out.depth
-        out.depth[nearer], out.ids[nearer] = depth[nearer], names[view.ids[nearer]]
-    out.color[...] = images.color(View(out.ids, out.depth, camera, scene))
-    return out
+        out.lay(view.depth, 0, ids=view.ids, scale=scale, names=names)
+    return _Content(images.color(View(out.ids, out.depth, camera, scene)), out.depth, ids=out.ids)
 
 
 class PortalWalk:
