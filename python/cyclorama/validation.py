@@ -10,9 +10,9 @@ reach of its centre; and what remains is *unexplained*: there, one of the two is
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from importlib import metadata
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -21,10 +21,10 @@ from . import peers
 from .camera import Camera
 from .lab import Row
 from .progress import Progress, reporter
-from .render import BACKGROUND
+from .render import BACKGROUND, View
 from .scene import Scene
 
-__all__ = ["compare", "validate"]
+__all__ = ["Classes", "classify", "compare", "shifted", "validate"]
 
 Mask = npt.NDArray[np.bool_]
 
@@ -177,31 +177,50 @@ def compare(
     >>> counts["covered"] == counts["same"], counts["unexplained"]
     (True, 0)
     """
-    ours = scene.render(camera)
+    found = classify(scene.render(camera), ids, depth, shifted(scene, camera, reach))
+    return {name: int(mask.sum()) for name, mask in found._asdict().items()}
+
+
+class Classes(NamedTuple):
+    """Which pixels of two pictures agree, and where an edge explains that they don't; (H, W) ndarrays of bool."""
+
+    covered: Mask
+    same: Mask
+    agree: Mask
+    explained: Mask
+    unexplained: Mask
+
+
+def classify(ours: View, ids: npt.NDArray[np.uint32], depth: npt.NDArray[np.floating], near: Iterable[View]) -> Classes:
+    """Divides the pixels of one view by whether another renderer's answer agrees with ours.
+
+    Parameters
+    ----------
+    ours : View
+    ids, depth
+        As for `compare`.
+    near : iterable of View
+        Our picture, shifted by as much as may explain a difference. Nothing is asked of it where all pixels agree.
+    """
     covered = (ours.ids != BACKGROUND) | (ids != BACKGROUND)
     same = covered & (ours.ids == ids)
     both = (ours.ids != BACKGROUND) & (ids != BACKGROUND)
     agree = same.copy()
     agree[both] |= np.abs(ours.depth[both] - depth[both]) <= SAME_DEPTH * np.abs(depth[both])
     differ = covered & ~agree
-    crossed = _near_an_edge(scene, camera, ours.ids, reach) if differ.any() else np.zeros_like(differ)
-    return {
-        "covered": int(covered.sum()),
-        "same": int(same.sum()),
-        "agree": int(agree.sum()),
-        "explained": int((differ & crossed).sum()),
-        "unexplained": int((differ & ~crossed).sum()),
-    }
+    crossed = np.zeros_like(differ)
+    if differ.any():
+        for view in near:
+            crossed |= view.ids != ours.ids
+    return Classes(covered, same, agree, differ & crossed, differ & ~crossed)
 
 
-def _near_an_edge(scene: Scene, camera: Camera, ids: npt.NDArray[np.uint32], reach: float) -> Mask:
-    """Pixels of which our picture changes if it is shifted by `reach`."""
-    crossed = np.zeros(ids.shape, dtype=bool)
+def shifted(scene: Scene, camera: Camera, reach: float) -> Iterator[View]:
+    """Our picture from pixel centres that are `reach` pixels beside the right ones, in eight directions."""
     for dx, dy in SHIFTS:
         K = camera.K.copy()
         K[:2, 2] += reach * dx, reach * dy
-        crossed |= scene.render(camera.replace(K=K)).ids != ids
-    return crossed
+        yield scene.render(camera.replace(K=K))
 
 
 def _engines(scene: Scene, cameras: list[Camera]) -> Row:
