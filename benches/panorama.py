@@ -2,7 +2,7 @@
 
 Tiles and bytes that culling keeps, what it loses, and how good views between references are over spacing and slabs.
 
-    python benches/panorama.py [--quick] [--views 500]
+    python benches/panorama.py [--quick] [--views 500] [--part quality --chart docs/figures/walk-quality.png]
 """
 
 from __future__ import annotations
@@ -26,16 +26,21 @@ PAPER = {
 }
 
 
-def dense():
-    """The castle level, or a house where it isn't there; along a straight hall."""
+def castle():
+    """A lane between houses, before the keep: the paper's dense scene was a castle, too."""
+    scene = cyc.scenes.castle()
+    ahead = scene.lane[1] - scene.lane[0]
+    start = scene.lane[0] + 0.2 * ahead
+    return scene, Track([start, start + 2.7 * ahead / np.linalg.norm(ahead)]), (0, 1, 0)
+
+
+def level():
+    """A level of a game, along a straight hall."""
     path = DATA / "q3_20kdm2.ply"
-    if path.exists():
-        scene = cyc.load(path)
-        eye = np.array([1056.0, 1344.0, 112.0])
-        return scene, Track([eye, eye + [120.0, 0.0, 0.0]]), (0, 0, 1)
-    house = cyc.scenes.house(rooms=8)
-    eye = (house.cells[0]["min"] + house.cells[0]["max"]) / 2
-    return house, Track([eye, eye + [0.8, 0, 0]]), (0, 1, 0)
+    if not path.exists():
+        return None
+    eye = np.array([1056.0, 1344.0, 112.0])
+    return cyc.load(path), Track([eye, eye + [120.0, 0.0, 0.0]]), (0, 0, 1)
 
 
 def meadow(seed=0):
@@ -68,7 +73,10 @@ def spacious():
 def tables(name, scene, track, up, size, views, references):
     start = time.perf_counter()
     places = np.linspace(0, 1, references)
+    # As far apart whatever their number.
+    track = Track([track.at(0.0), track.at((references - 1) / 9)])
     survey = Survey(scene, track, 3, size, places=places, up=up, progress=False)
+    paper = PAPER["open" if name == "open" else "dense"]
     print(
         f"\n{name}: {len(scene):,} faces, {references} references over {track.length:.4g}, slabs cut at",
         ", ".join(f"{far:.4g}" for _, far in survey.cuts[:-1]),
@@ -78,21 +86,28 @@ def tables(name, scene, track, up, size, views, references):
     for method in ("exact", "paper"):
         rows = survey.table(method, (1.0, 0.9, 0.8))
         for row in rows:
-            theirs = f"{PAPER[name][row.alpha][row.slab - 2]:5.1f} %" if row.slab > 1 else "      -"
+            theirs = f"{paper[row.alpha][row.slab - 2]:5.1f} %" if row.slab > 1 else "      -"
             print(
                 f"{method:6s}  {row.alpha:5.1f}  {row.slab:4d} {row.tiles:7d} {row.kept:7d} {row.reduction:6.1%}  "
                 f"{theirs} {row.bytes / 1e6:7.2f}M {row.kept_bytes / 1e6:7.2f}M"
             )
         strict = rows[: len(survey.cuts)]
-        raw = sum(row.all for row in strict) * survey.tile**2 * 4
+        every = sum(row.all for row in strict)
+        raw = every * survey.tile**2 * 4
         kept_raw, stored = sum(row.kept_raw for row in strict), sum(row.kept_bytes for row in strict)
-        before = sum(row.bytes for row in strict)
+        before, before_raw = sum(row.bytes for row in strict), sum(row.raw for row in strict)
+        webp = sum(row.kept_bytes for row in survey.table(method, (1.0,), codec="webp"))
         print(
-            f"{method}: every tile {raw / 1e6:.1f} MB, kept uncompressed {kept_raw / 1e6:.1f} "
-            f"({raw / kept_raw:.1f} times fewer), kept as stored {stored / 1e6:.2f} ({raw / stored:.0f} times fewer); "
-            f"viewpoints in 64 MB: {64e6 * references / before:.0f} unculled, {64e6 * references / stored:.0f} culled"
+            f"{method}: tiles {every}, {sum(row.tiles for row in strict) / every:.1%} not empty, "
+            f"{sum(row.kept for row in strict) / every:.1%} kept; 4 bytes a pixel and quads: every tile "
+            f"{raw / 1e6:.1f} MB, not empty {before_raw / 1e6:.1f}, kept {kept_raw / 1e6:.1f} "
+            f"({raw / kept_raw:.2f} times fewer); as stored: not empty {before / 1e6:.2f}, kept {stored / 1e6:.2f} "
+            f"(WebP {webp / 1e6:.2f})\n"
+            f"viewpoints in 64 MB of stored files: {64e6 * references / before:.0f} unculled, "
+            f"{64e6 * references / stored:.0f} culled; in 512 MB of decoded tiles and quads: "
+            f"{512e6 * references / before_raw:.0f} and {512e6 * references / kept_raw:.0f}"
         )
-        for alpha in (1.0, 0.9, 0.8):
+        for alpha in (1.0, 0.9, 0.8) if views else ():
             lost = survey.losses(method, alpha, views=views, counts_tiles=method == "paper", progress=False)
             wrong = (
                 "" if lost.tiles_wrong is None else f", {lost.tiles_wrong} of {lost.tiles_dropped} dropped tiles seen"
@@ -111,7 +126,13 @@ def quality(name, scene, track, up, size):
     panorama = cyc.panorama.Projection(size=size, up=up)
     layer = renderer.render(track.at(0.0), panorama, 0.0, np.inf)
     median = float(np.median(layer.range[layer.opacity]))
-    print("spacing  slabs    dB   holes   ms a view")
+    whole = np.dstack([layer.color, np.where(layer.opacity, 255, 0).astype(np.uint8)])
+    survey = Survey(renderer, track, 3, size, places=[0.0, 1.0], up=up, progress=False)
+    composed = survey.references[0].panorama()
+    off = np.mean((composed.astype(float) - whole) ** 2)
+    print(f"at a reference, composed slabs differ from the unsplit panorama by {off:.3g} levels, mean square")
+    print("spacing  slabs    dB   worst   holes   ms a view")
+    lines = {}
     for share in (0.025, 0.05, 0.1, 0.2):
         step = share * median
         if step > track.length:
@@ -134,28 +155,57 @@ def quality(name, scene, track, up, size):
                     truth = renderer.texture(points.reshape(-1, 3)).reshape(*known.shape, 3)
                     decibels.append(cyc.quality.psnr(seen.color, truth, where=known))
                     holes.append(seen.hole.mean())
+            lines.setdefault(slabs, []).append((share, np.mean(decibels)))
             print(
-                f"{share:7.3f}  {slabs:5d} {np.mean(decibels):5.1f} {np.mean(holes):7.3%} "
+                f"{share:7.3f}  {slabs:5d} {np.mean(decibels):5.1f} {min(decibels):7.1f} {np.mean(holes):7.3%} "
                 f"{np.median(seconds) * 1e3:11.0f}",
                 flush=True,
             )
+    return lines
+
+
+def chart(found, path):
+    """Decibels over spacing, a line for each number of slabs, a panel for each scene."""
+    import matplotlib.pyplot as plt
+
+    figure, panels = plt.subplots(1, len(found), figsize=(4.5 * len(found), 3.4), sharey=True, squeeze=False)
+    for panel, (name, lines) in zip(panels[0], found.items(), strict=True):
+        for slabs, points in lines.items():
+            shares, decibels = np.transpose(points)
+            panel.plot(100 * shares, decibels, marker="o", markersize=3, label=f"{slabs} slab{'s' * (slabs > 1)}")
+        panel.axhline(30, color="grey", linewidth=0.8, linestyle=":")
+        panel.set(title=name, xscale="log", xlabel="spacing, % of the median range")
+        panel.set_xticks([2.5, 5, 10, 20], ["2.5", "5", "10", "20"])
+        panel.minorticks_off()
+    panels[0][0].set_ylabel("PSNR half-way, dB")
+    panels[0][0].legend(fontsize=8)
+    figure.tight_layout()
+    figure.savefig(path, dpi=110)
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="panoramas of 1024 x 256, few references")
-    parser.add_argument("--views", type=int, default=500)
-    parser.add_argument("--scene", choices=("dense", "open"))
+    parser.add_argument("--views", type=int, default=500, help="drawn with and without culling; 0 counts no losses")
+    parser.add_argument("--references", type=int)
+    parser.add_argument("--scene", choices=("castle", "open", "level"))
+    parser.add_argument("--chart", type=Path, help="where to draw what --part quality finds")
+    parser.add_argument("--size", type=int, help="columns of the panoramas; rows are a quarter")
     parser.add_argument("--part", choices=("tables", "quality"))
     given = parser.parse_args()
-    size, references = ((1024, 256), 4) if given.quick else ((4096, 1024), 10)
-    for name, make in (("dense", dense), ("open", spacious)):
-        if given.scene in (None, name):
-            scene, track, up = make()
-            if given.part in (None, "tables"):
-                tables(name, scene, track, up, size, given.views, references)
-            if given.part in (None, "quality"):
-                quality(name, scene, track, up, size)
+    columns = given.size or (1024 if given.quick else 4096)
+    size, references = (columns, columns // 4), given.references or (4 if given.quick else 10)
+    found = {}
+    for name, make in (("castle", castle), ("open", spacious), ("level", level)):
+        if given.scene not in (None, name) or (made := make()) is None:
+            continue
+        scene, track, up = made
+        if given.part in (None, "tables"):
+            tables(name, scene, track, up, size, given.views, references)
+        if given.part in (None, "quality"):
+            found[name] = quality(name, scene, track, up, size)
+    if given.chart and found:
+        chart(found, given.chart)
 
 
 if __name__ == "__main__":

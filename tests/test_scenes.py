@@ -40,6 +40,16 @@ def test_solids_are_closed_and_wound_outward(name):
             assert part.volume > 0.0
 
 
+def test_a_castle_is_closed_pieces_and_its_lane_is_free():
+    town = scenes.castle(houses=30)
+    mesh = _solid(town)
+    assert mesh.is_watertight and mesh.is_winding_consistent
+    assert min(part.volume for part in mesh.split(only_watertight=False, repair=False)) > 0.0
+    cyc.panorama.Track(town.lane).check(town)
+    with pytest.raises(ValueError, match="houses must be from 1 to 400"):
+        scenes.castle(houses=0)
+
+
 def test_volumes_worked_out_by_hand():
     sizes = [1.0, 0.75, 0.5, 0.25]
     assert _solid(scenes.nested_boxes(4)).volume == pytest.approx(sum((2 * size) ** 3 for size in sizes))
@@ -145,10 +155,11 @@ def test_layers_share_their_faces_evenly():
         assert areas[height[:, 0] == level].sum() == pytest.approx(4.0)
 
 
-@pytest.mark.parametrize("name", ["pipes", "plant", "tree", "house"])
+@pytest.mark.parametrize("name", ["pipes", "plant", "tree", "house", "castle"])
 def test_the_same_seed_makes_the_same_scene(name):
     def make(seed):
-        return scenes.house(3, seed=seed) if name == "house" else getattr(scenes, name)(2_000, seed=seed)
+        sizes = {"house": 3, "castle": 5}
+        return getattr(scenes, name)(sizes.get(name, 2_000), seed=seed)
 
     a, b, c = make(5), make(5), make(6)
     np.testing.assert_array_equal(a.vertices, b.vertices)

@@ -5,6 +5,7 @@ import io
 import json
 import shutil
 import socket
+import subprocess
 import threading
 import time
 import urllib.error
@@ -245,6 +246,54 @@ def test_the_command_bakes_and_says_what_it_wrote(tmp_path, monkeypatch, capsys)
     assert "it has no 'points'" in capsys.readouterr().err
 
 
+RAIL = """
+const { beside, directions, placeAt } = await import(process.argv[1]);
+const { walk, ts, corners } = JSON.parse(process.argv[2]);
+const direction = directions(walk);
+console.log(JSON.stringify({
+  sides: ts.map((t) => beside(walk, t)),
+  eyes: ts.map((t) => placeAt(walk, t)),
+  ways: corners.map((c) => direction(...c)),
+}));
+"""
+
+
+@pytest.mark.parametrize("kind", ["cylinder", "equirect"])
+def test_the_page_goes_by_the_same_rail_as_the_library(kind, tmp_path):
+    """The page's own functions in Node.js, before the first and after the last reference as well."""
+    node = shutil.which("node")
+    if node is None:
+        pytest.skip("needs node, which bundles the page")
+    house = cyc.scenes.house(rooms=2)
+    eye = (house.cells[0]["min"] + house.cells[0]["max"]) / 2
+    track = panorama.Track([eye, eye + [0.2, 0, 0], eye + [0.2, 0, 0.2]])
+    store = panorama.bake(
+        house, track, 2, (64, 32), kind, tile=8, places=[0.25, 0.5, 0.75], out=tmp_path / "walk", progress=False
+    )
+    ts = [0.0, 0.1, 0.25, 0.3, 0.5, 0.7499, 0.75, 0.9, 1.0]
+    walk = {
+        **json.loads((tmp_path / "walk" / "manifest.json").read_bytes()),
+        "knots": track.knots.tolist(),
+        "at_knots": track.at_knots.tolist(),
+    }
+    corners = [(0, 0), (-0.5, -0.5), (64.5, 32.5), (63.5, 31.5), (20, 7.5), (64, 32)]
+    asked = json.dumps({"walk": walk, "ts": ts, "corners": corners})
+    script = pages.__path__[0] + "/../../../web/src/walk/rail.js"
+    said = subprocess.run([node, "--input-type=module", "-e", RAIL, script, asked], capture_output=True, text=True)
+    assert said.returncode == 0, said.stderr
+    found = json.loads(said.stdout)
+    for t, side in zip(ts, found["sides"], strict=True):
+        first, second, between = store.beside(t)
+        assert (side["first"], side["second"]) == (first, second)
+        assert side["between"] == pytest.approx(between)
+        assert side["exact"] == (t in (0.25, 0.5, 0.75))
+    np.testing.assert_allclose(found["eyes"], store.track.at(ts), atol=1e-12)
+    grid = store.projection
+    for (x, y), way in zip(corners, found["ways"], strict=True):
+        at = grid.places(np.array([way]))[0]
+        assert (at[0] - x + 1e-9) % 64 < 2e-9 and at[1] == pytest.approx(min(max(y, 0), 32), abs=1e-9)
+
+
 # The page -------------------------------------------------------------------------------------------------------------
 
 
@@ -333,3 +382,49 @@ def test_a_cache_in_the_page_keeps_to_its_bytes(url, running):
             picture(page)
             time.sleep(0.05)
         assert page.evaluate("window.cyclorama.state().kept") <= limit
+
+
+def test_the_page_asks_nobody_but_its_server(url, running):
+    page = running.new_page(viewport={"width": 300, "height": 200})
+    asked = []
+    page.on("request", lambda request: asked.append(request.url))
+    page.goto(url)
+    picture(page)
+    assert len(asked) > 3 and all(address.startswith((url, "data:", "blob:")) for address in asked)
+    page.close()
+
+
+def test_on_a_phone_the_picture_is_free_and_fingers_look(url, running):
+    context = running.new_context(viewport={"width": 360, "height": 640}, has_touch=True, is_mobile=True)
+    page = context.new_page()
+    page.goto(url)
+    picture(page)
+    assert page.evaluate("document.documentElement.scrollWidth") <= 360
+    panel, slider = (page.locator(name).bounding_box() for name in ("details", "#place"))
+    assert panel["width"] * panel["height"] < 0.1 * 360 * 640, "figures are folded away"
+    assert 0 <= slider["x"] and slider["x"] + slider["width"] <= 360 and slider["y"] + slider["height"] <= 640
+    page.tap("summary")
+    assert page.locator("[data-figure=received]").is_visible()
+    before = page.evaluate("window.cyclorama.state().yaw")
+    touch = page.context.new_cdp_session(page)
+    for kind, x in (("touchStart", 300), ("touchMove", 250), ("touchMove", 180), ("touchEnd", None)):
+        points = [] if x is None else [{"x": x, "y": 400}]
+        touch.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+    assert page.evaluate("window.cyclorama.state().yaw") > before
+    context.close()
+
+
+def test_everything_is_reached_by_the_keyboard_alone(url, running):
+    with page_of(running, url, 480, 360) as page:
+        picture(page)
+        reached = []
+        for _ in range(6):
+            page.keyboard.press("Tab")
+            reached.append(page.evaluate("document.activeElement.id || document.activeElement.name || 'summary'"))
+        assert {"picture", "summary", "slab0", "slab1", "place"} <= set(reached)
+        page.focus("[name=slab0]")
+        page.keyboard.press("Space")
+        assert page.evaluate("window.cyclorama.state().slabs")[0] is False
+        page.focus("#picture")
+        page.keyboard.press("PageUp")
+        assert page.evaluate("window.cyclorama.state().pitch") > 0

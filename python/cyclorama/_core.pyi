@@ -453,6 +453,7 @@ class Panorama:
         eyes: npt.NDArray[np.float64],
         alpha: float,
         step: float,
+        slack: float,
         ends: list[float] | None = None,
         smallest: bool = False,
         threads: int | None = None,

@@ -5,12 +5,14 @@
 //! their slab's far end, though near ones move most, and moves the window sideways only.
 //!
 //! [`Method::Exact`] asks for each pixel of a tile whether it is hidden from all eyes on a straight way from the viewpoint.
-//! In the half-plane through the way and the point, the map is a curve around the viewpoint. The point is hidden if a
-//! stretch of that curve which is one surface crosses the triangle of the way and the point: it begins nearer than the
-//! point on the viewpoint's own ray, and gets behind the line from the point to the way's other end before it is cut
-//! anywhere. Every eye's ray then meets it. How far that is to walk in the map is the paper's
-//! `b (1 / h1 - 1 / h2)` with each occluder's own depth in the place of `h1`, and it goes along the epipolar line, up and down
-//! as well as sideways. Surfaces that hide a point only together are not found: what is kept may still be unseen.
+//! In the half-plane through the way and the point, each slab is a curve around the viewpoint, cut where its surfaces end.
+//! A stretch that is one surface hides the point from all eyes between the first and the last of those that its own points
+//! lie before: it is connected, so its shadow on the way, cast by the point, is. The point is hidden if such shadows leave
+//! nothing of the way free. A point of the curve at disparity `q`, towards `d + k e` (`d` the point's direction, `e` the
+//! way), casts its shadow at the share `k / (q |d + k e| - own)` of the way. How far that is to walk is the paper's
+//! `b (1 / h1 - 1 / h2)` with each occluder's own depth in the place of `h1`, and it goes along the epipolar line, up and
+//! down as well as sideways. Each slab casts its own shadows, so a far wall goes on behind the near one that ends, and the
+//! point's own slab does, too: of dropped tiles as well, since the first surface that a ray meets is never dropped.
 
 use super::links::{DOWN, RIGHT, links};
 use super::projection::Projection;
@@ -26,6 +28,8 @@ pub enum Method {
     Exact {
         /// A gap of so much disparity between neighbours is closed: see [`links`].
         step: f32,
+        /// How far, in disparity, surfaces may be from where they are drawn.
+        slack: f32,
     },
     /// The paper's equations (1) to (5).
     Paper {
@@ -36,8 +40,18 @@ pub enum Method {
     },
 }
 
-/// Steps of the walk over the map, in pixels.
+/// Steps of the walk over the slabs, in pixels.
 const STRIDE: f64 = 0.7;
+
+/// A hidden tile's pixels are looked at in two rounds: the first one, of every so many columns and rows, finds most tiles
+/// that are seen.
+const SPARSE: usize = 5;
+
+/// How far beyond the middle of its first or last row the walk may go, in pixels: what roundings do.
+const EDGE: f64 = 1e-6;
+
+/// A stretch that has no shadow: where it begins and ends.
+const NOTHING: [f64; 2] = [f64::INFINITY, f64::NEG_INFINITY];
 
 /// Disparities that differ by so small a share are the same surface, rendered in two slabs.
 const SAME: f32 = 1e-4;
@@ -71,11 +85,15 @@ pub fn kept(
     {
         return Err(Error::Invalid(format!("{} slabs have {} ends", slabs.len(), ends.len())));
     }
-    let mut map = Map::new(width, height);
     let across = width / tile;
+    let mut covered = vec![false; width * height];
+    let mut surfaces: Vec<Vec<f32>> = Vec::new();
     let mut all = Vec::new();
     for (index, &slab) in slabs.iter().enumerate() {
-        map.find_solid();
+        if let Method::Exact { step, .. } = method {
+            surfaces.push(surface(slab, width, *step));
+        }
+        let nearest = f64::from(surfaces.iter().flatten().fold(0.0, |most, &q| q.max(most)));
         let keep = (0..across * (height / tile))
             .into_par_iter()
             .map(|number| {
@@ -86,19 +104,38 @@ pub fn kept(
                 }
                 Ok(index == 0
                     || match method {
-                        Method::Exact { .. } => !hidden(projection, &map, slab, &tile, eyes, alpha),
+                        Method::Exact { slack, .. } => {
+                            let scene = Occluders {
+                                projection,
+                                surfaces: &surfaces,
+                                slack: f64::from(*slack),
+                                nearest,
+                            };
+                            !scene.hide(slab, &tile, eyes, alpha)
+                        }
                         Method::Paper { ends, smallest } => {
                             let window = window(projection, slab, &tile, eyes, ends[index - 1], *smallest);
-                            map.mean(&tile, window) < alpha
+                            mean(&covered, projection, &tile, window) < alpha
                         }
                     })
             })
             .collect::<Result<Vec<bool>, Error>>()?;
-        let step = match method {
-            Method::Exact { step } => Some(*step),
-            Method::Paper { .. } => None,
-        };
-        map.add(slab, &keep, tile, step);
+        let keeps = |i: usize| keep[i / width / tile * across + i % width / tile];
+        match method {
+            // What alpha drops without its being hidden is no occluder.
+            Method::Exact { .. } => {
+                for (i, q) in surfaces[index].iter_mut().enumerate() {
+                    if !keeps(i) {
+                        *q = 0.0;
+                    }
+                }
+            }
+            Method::Paper { .. } => {
+                for (i, covered) in covered.iter_mut().enumerate() {
+                    *covered |= slab[i] > 0.0 && keeps(i);
+                }
+            }
+        }
         all.push(keep);
     }
     Ok(all)
@@ -119,142 +156,156 @@ impl Tile {
     }
 }
 
-/// What is kept of the slabs in front, as the viewpoint sees it.
-struct Map {
-    width: usize,
-    height: usize,
-    /// 0 where nothing is yet.
-    disparity: Vec<f32>,
-    links: Vec<u8>,
-    /// Pixels that are one surface with all eight around them.
-    solid: Vec<bool>,
+/// A slab's disparities where a pixel is one surface with all around it, 0 elsewhere.
+fn surface(slab: &[f32], width: usize, step: f32) -> Vec<f32> {
+    let links = links(slab, width, step);
+    let height = slab.len() / width;
+    let mut surface = vec![0.0; slab.len()];
+    surface.par_chunks_mut(width).enumerate().for_each(|(y, row)| {
+        // The first and the last row have nothing beyond them that could be cut off.
+        let (top, bottom) = (y.saturating_sub(1), (y + 1).min(height - 1));
+        for (x, q) in row.iter_mut().enumerate() {
+            let (left, right) = ((x + width - 1) % width, (x + 1) % width);
+            let linked = |x: usize, y: usize, flag: u8| links[y * width + x] & flag != 0;
+            if (top..=bottom).all(|y| linked(left, y, RIGHT) && linked(x, y, RIGHT))
+                && [left, x, right].iter().all(|&x| (top..bottom).all(|y| linked(x, y, DOWN)))
+            {
+                *q = slab[y * width + x];
+            }
+        }
+    });
+    surface
 }
 
-impl Map {
-    fn new(width: usize, height: usize) -> Self {
-        let pixels = width * height;
-        Self {
-            width,
-            height,
-            disparity: vec![0.0; pixels],
-            links: vec![0; pixels],
-            solid: vec![false; pixels],
-        }
-    }
-
-    /// Adds the kept tiles of a slab behind what is there; with their links if gaps of `step` are closed.
-    fn add(&mut self, slab: &[f32], keep: &[bool], tile: usize, step: Option<f32>) {
-        let across = self.width / tile;
-        let keeps = |i: usize| keep[i / self.width / tile * across + i % self.width / tile];
-        for (i, &q) in slab.iter().enumerate() {
-            if self.disparity[i] == 0.0 && q > 0.0 && keeps(i) {
-                self.disparity[i] = q;
-            }
-        }
-        let Some(step) = step else { return };
-        let own = |i: usize| {
-            slab[i] > 0.0 && keeps(i) && (slab[i] - self.disparity[i]).abs() <= SAME * self.disparity[i]
-        };
-        for (i, flags) in links(slab, self.width, step).into_iter().enumerate() {
-            if flags == 0 || !own(i) {
-                continue;
-            }
-            let right = i - i % self.width + (i + 1) % self.width;
-            if flags & RIGHT != 0 && own(right) {
-                self.links[i] |= RIGHT;
-            }
-            if flags & DOWN != 0 && own(i + self.width) {
-                self.links[i] |= DOWN;
-            }
-        }
-    }
-
-    fn find_solid(&mut self) {
-        let (width, height, links) = (self.width, self.height, &self.links);
-        self.solid.par_chunks_mut(width).enumerate().for_each(|(y, row)| {
-            if y == 0 || y + 1 == height {
-                row.fill(false);
-                return;
-            }
-            for (x, solid) in row.iter_mut().enumerate() {
-                let (left, right) = ((x + width - 1) % width, (x + 1) % width);
-                let linked = |x: usize, y: usize, flag: u8| links[y * width + x] & flag != 0;
-                *solid = (y - 1..=y + 1).all(|y| linked(left, y, RIGHT) && linked(x, y, RIGHT))
-                    && [left, x, right].iter().all(|&x| linked(x, y - 1, DOWN) && linked(x, y, DOWN));
-            }
-        });
-    }
-
-    /// The share of a tile, widened by columns to its left and right, that is covered.
-    fn mean(&self, tile: &Tile, [left, right]: [usize; 2]) -> f64 {
-        let columns = (tile.side + left + right).min(self.width);
-        let start = tile.x + self.width - left % self.width;
-        let covered = (tile.y..tile.y + tile.side)
-            .map(|y| {
-                let row = &self.disparity[y * self.width..][..self.width];
-                (start..start + columns).filter(|x| row[x % self.width] > 0.0).count()
-            })
-            .sum::<usize>();
-        covered as f64 / (columns * tile.side) as f64
-    }
+/// The surfaces that may hide a slab's tiles: those of the slabs in front, and its own.
+struct Occluders<'a> {
+    projection: &'a Projection,
+    surfaces: &'a [Vec<f32>],
+    slack: f64,
+    /// The greatest disparity of them.
+    nearest: f64,
 }
 
-/// Whether so large a share of a tile's opaque pixels is hidden from all eyes.
-fn hidden(projection: &Projection, map: &Map, slab: &[f32], tile: &Tile, eyes: &[DVec3], alpha: f64) -> bool {
-    let opaque = tile.pixels(map.width).filter(|&(_, _, i)| slab[i] > 0.0).count();
-    let most = ((1.0 - alpha) * opaque as f64 + 1e-9).floor() as usize;
-    let mut seen = 0;
-    for (x, y, i) in tile.pixels(map.width).filter(|&(_, _, i)| slab[i] > 0.0) {
-        let direction = projection.through(x, y);
-        if !eyes.iter().all(|&eye| is_hidden(projection, map, direction, slab[i], i, eye)) {
-            seen += 1;
-            if seen > most {
-                return false;
+impl Occluders<'_> {
+    /// Whether so large a share of a tile's opaque pixels is hidden from all eyes.
+    fn hide(&self, slab: &[f32], tile: &Tile, eyes: &[DVec3], alpha: f64) -> bool {
+        let width = self.projection.width;
+        let opaque = tile.pixels(width).filter(|&(_, _, i)| slab[i] > 0.0).count();
+        let most = ((1.0 - alpha) * opaque as f64 + 1e-9).floor() as usize;
+        let mut stretches = vec![[0.0; 2]; self.surfaces.len()];
+        let mut seen = 0;
+        for sparse in [true, false] {
+            for (x, y, i) in tile.pixels(width).filter(|&(_, _, i)| slab[i] > 0.0) {
+                if sparse != (x % SPARSE == 0 && y % SPARSE == 0) {
+                    continue;
+                }
+                let direction = self.projection.through(x, y);
+                if !eyes.iter().all(|&eye| self.hide_point(direction, slab[i], i, eye, &mut stretches)) {
+                    seen += 1;
+                    if seen > most {
+                        return false;
+                    }
+                }
             }
         }
+        true
     }
-    true
-}
 
-/// Whether a point is hidden from all eyes on the way to `eye`.
-fn is_hidden(
-    projection: &Projection,
-    map: &Map,
-    direction: DVec3,
-    disparity: f32,
-    pixel: usize,
-    eye: DVec3,
-) -> bool {
-    if !map.solid[pixel] || map.disparity[pixel] < disparity * (1.0 - SAME) {
-        return false;
+    /// The share of the way that no shadow cast from so far `along` on, or farther, can begin before. The share grows with
+    /// `along` for as long as the nearest surface stays near, and tends to a limit.
+    fn first_shadow(&self, along: f64, away: f64, own: f64, length: f64) -> f64 {
+        let nearest = self.nearest + self.slack;
+        let here = nearest * away - own;
+        let limit = 1.0 / (nearest * length);
+        if here > 0.0 { limit.min(along / here) } else { limit }
     }
-    let own = f64::from(disparity);
-    let turn = direction.cross(eye).length();
-    // The line from the point to the eye, from the viewpoint: `direction + along * eye`, at disparity
-    // `(own + along) / |direction + along * eye|`.
-    let mut along = 0.0;
-    loop {
-        let toward = direction + eye * along;
-        let length = toward.length();
-        if length.is_nan() || length <= 1e-9 {
-            return false;
+
+    /// Whether a point is hidden from all eyes on the way to `eye`.
+    fn hide_point(
+        &self,
+        direction: DVec3,
+        disparity: f32,
+        pixel: usize,
+        eye: DVec3,
+        stretches: &mut [[f64; 2]],
+    ) -> bool {
+        let Self { projection, surfaces, slack, .. } = *self;
+        let own = f64::from(disparity);
+        let (before, same) = surfaces[..surfaces.len() - 1].iter().map(|surface| surface[pixel]).fold(
+            (false, false),
+            |(before, same), q| {
+                (before || f64::from(q) > own + slack, same || (q - disparity).abs() <= SAME * disparity)
+            },
+        );
+        if same || !before {
+            return same;
         }
-        let at = projection.place(toward);
-        if at[1] < 0.0 || at[1] >= map.height as f64 {
-            return false;
-        }
-        let i = at[1] as usize * map.width + at[0].max(0.0) as usize % map.width;
-        if !map.solid[i] {
-            return false;
-        }
-        if along > 0.0 && f64::from(map.disparity[i]) <= (own + along) / length {
+        let length = eye.length();
+        if length == 0.0 {
             return true;
         }
-        let density = projection.density(toward / length);
-        let stride = STRIDE * length * length / (density * turn).max(1e-300);
-        // Where the eye goes straight at the point the place doesn't change, and the surface there is passed.
-        along += stride.min(f64::from(map.disparity[i]).max(own));
+        let turn = direction.cross(eye).length();
+        let bottom = projection.height as f64 - 0.5 + EDGE;
+        stretches.fill(NOTHING);
+        // The way is hidden up to here.
+        let mut hidden = 0.0_f64;
+        let mut along = 0.0_f64;
+        for _ in 0..projection.width {
+            let toward = direction + eye * along;
+            let away = toward.length();
+            if away.is_nan() || away <= 1e-9 {
+                return false;
+            }
+            let at = projection.place(toward);
+            if at[1] < 0.5 - EDGE || at[1] > bottom {
+                return false;
+            }
+            let i = (at[1] as usize).min(projection.height - 1) * projection.width
+                + at[0].max(0.0) as usize % projection.width;
+            let mut nearest = own;
+            for (surface, stretch) in surfaces.iter().zip(stretches.iter_mut()) {
+                let q = f64::from(surface[i]);
+                if q == 0.0 {
+                    *stretch = NOTHING;
+                    continue;
+                }
+                nearest = nearest.max(q);
+                let (early, late) = ((q + slack) * away - own, (q - slack) * away - own);
+                if late > 0.0 {
+                    stretch[0] = stretch[0].min(along / late);
+                }
+                // Past the point, its shadow is beyond all eyes.
+                stretch[1] = stretch[1].max(if early > 0.0 { along / early } else { f64::INFINITY });
+                if stretch[0] <= hidden {
+                    hidden = hidden.max(stretch[1]);
+                }
+            }
+            if hidden >= 1.0 {
+                return true;
+            }
+            if stretches.iter().all(|stretch| stretch[0] > hidden)
+                && hidden < self.first_shadow(along, away, own, length)
+            {
+                return false;
+            }
+            let density = projection.density(toward / away);
+            let stride = STRIDE * away * away / (density * turn).max(1e-300);
+            // Where the eye goes straight at the point the place doesn't change, and the surface there is passed.
+            along += stride.min(nearest);
+        }
+        false
     }
+}
+
+/// The share of a tile, widened by columns to its left and right, that is covered.
+fn mean(covered: &[bool], projection: &Projection, tile: &Tile, [left, right]: [usize; 2]) -> f64 {
+    let width = projection.width;
+    let columns = (tile.side + left + right).min(width);
+    let start = tile.x + width - left % width;
+    let count = (tile.y..tile.y + tile.side)
+        .map(|y| (start..start + columns).filter(|x| covered[y * width + x % width]).count())
+        .sum::<usize>();
+    count as f64 / (columns * tile.side) as f64
 }
 
 /// Columns by which a tile's projection is extended to the left and right: `s1` and `s2` of equation (1), in pixels.
@@ -308,12 +359,12 @@ mod tests {
 
     #[test]
     fn a_wall_hides_less_the_farther_the_eye_goes() {
-        let exact = Method::Exact { step: 0.01 };
+        let exact = Method::Exact { step: 0.01, slack: 0.0 };
         let paper = Method::Paper { ends: vec![4.0, 10.0], smallest: false };
         let near = [dvec3(0.1, 0.0, 0.0), dvec3(-0.1, 0.0, 0.0)];
         let far = near.map(|eye| eye * 8.0);
-        // Rows at the top and bottom, where the map ends, are kept; so are tiles at the wall's ends.
-        assert_eq!(dropped(&exact, &near), 14 * 6);
+        // Tiles at the wall's ends are kept, and in the first and last row those of which the line to an eye leaves the panorama.
+        assert!((14 * 6..14 * 8).contains(&dropped(&exact, &near)), "{}", dropped(&exact, &near));
         assert!(dropped(&exact, &far) < dropped(&exact, &near));
         assert_eq!(dropped(&paper, &[]), 16 * 8);
         // The paper takes the wall to be at 4, where it moves half as far.
@@ -328,7 +379,7 @@ mod tests {
         }
         let slabs = [near.as_slice(), far.as_slice()];
         let eyes = [dvec3(0.5, 0.0, 0.0)];
-        let exact = Method::Exact { step: 0.01 };
+        let exact = Method::Exact { step: 0.01, slack: 0.0 };
         let keep = kept(&panorama, &slabs, 8, &eyes, &exact, 1.0, &Control::default()).unwrap();
         let row = &keep[1][4 * 32..5 * 32];
         assert!(row[16] && !row[4] && !row[30], "{row:?}");

@@ -54,6 +54,9 @@ struct Triangle<'a> {
     edges: [DVec3; 3],
     /// Columns and rows of the panorama at the corners.
     texture: [[f64; 2]; 3],
+    /// Ranges of the corners from the viewpoint. A point halfway between two corners is nearer the farther one in the
+    /// panorama: it lies in the direction of `sum(weight * range * direction)`, so ranges weigh columns and rows, too.
+    ranges: [f64; 3],
     slab: &'a Slab<'a>,
     /// A single pixel: its colour is not mixed with those around it.
     single: bool,
@@ -161,12 +164,14 @@ fn triangles<'a>(
     let step = f64::from((slab.limits[1] - slab.limits[0]) / STEPS);
     let own: [f64; 4] = std::array::from_fn(|i| f64::from(slab.limits[0]) + step * f64::from(quad[3 + i]));
     let beyond = 0.5 * margin as f64 / side as f64;
-    let corners: [DVec3; 4] = std::array::from_fn(|i| {
+    let ranges: [f64; 4] = std::array::from_fn(|i| {
         // Bilinear: beyond a corner by as much along both sides.
         let disparity = own[i] + beyond * (own[i] - own[i ^ 1]) + beyond * (own[i] - own[i ^ 2]);
+        1.0 / disparity.max(LEAST * own[i]).max(f64::MIN_POSITIVE.sqrt())
+    });
+    let corners: [DVec3; 4] = std::array::from_fn(|i| {
         let direction = projection.half_pixel(places[i].0, places[i].1);
-        camera.rotation * (eye + direction / disparity.max(LEAST * own[i]).max(f64::MIN_POSITIVE.sqrt()))
-            + camera.translation
+        camera.rotation * (eye + direction * ranges[i]) + camera.translation
     });
     let texture = places.map(|(x, y)| [0.5 * x as f64, 0.5 * y as f64]);
     let halves = [[0, 2, 1], [1, 2, 3]];
@@ -180,6 +185,7 @@ fn triangles<'a>(
         Some(Triangle {
             edges: [b.cross(c), c.cross(a), a.cross(b)].map(|edge| edge / volume),
             texture: half.map(|i| texture[i]),
+            ranges: half.map(|i| ranges[i]),
             slab,
             single,
             columns: bounds[0],
@@ -245,8 +251,10 @@ fn fill(
         if !(f64::from(disparity[x]) < inverse && inverse <= nearest) {
             continue;
         }
+        let shares: [f64; 3] = std::array::from_fn(|i| weights[i] * triangle.ranges[i]);
+        let sum: f64 = shares.iter().sum();
         let at: [f64; 2] = std::array::from_fn(|axis| {
-            (0..3).map(|i| weights[i] * triangle.texture[i][axis]).sum::<f64>() / inverse
+            (0..3).map(|i| shares[i] * triangle.texture[i][axis]).sum::<f64>() / sum
         });
         if let Some(found) = sample(projection, triangle.slab.pixels, at, triangle.single) {
             color[x] = found;

@@ -116,7 +116,7 @@ impl PyPanorama {
     }
 
     /// Which tiles of each slab to keep: by the paper's way if the slabs' `ends` are given.
-    #[pyo3(signature = (slabs, tile, eyes, alpha, step, ends=None, smallest=false, threads=None))]
+    #[pyo3(signature = (slabs, tile, eyes, alpha, step, slack, ends=None, smallest=false, threads=None))]
     #[expect(clippy::too_many_arguments, reason = "one keyword each in Python")]
     fn kept<'py>(
         &self,
@@ -126,6 +126,7 @@ impl PyPanorama {
         eyes: PyReadonlyArray2<'_, f64>,
         alpha: f64,
         step: f32,
+        slack: f32,
         ends: Option<Vec<f64>>,
         smallest: bool,
         threads: Option<i64>,
@@ -134,7 +135,7 @@ impl PyPanorama {
         let eyes: Vec<_> = rows_of::<3, _, _>("eyes", &eyes)?.iter().map(|&eye| eye.into()).collect();
         let method = match ends {
             Some(ends) => Method::Paper { ends, smallest },
-            None => Method::Exact { step },
+            None => Method::Exact { step, slack },
         };
         let found = interrupt::run(py, threads, None, |control| {
             cull::kept(&self.0, &slabs, tile, &eyes, &method, alpha, control)

@@ -30,6 +30,7 @@ async function start() {
     slabs: walk.slabs.map(() => true),
     complete: false,
     first: null,
+    quads: 0,
     frames: 0,
     error: null,
   };
@@ -52,6 +53,8 @@ async function start() {
     line.append(box, ` slab ${index + 1}: ${near.toPrecision(3)} ${end}`);
     list.append(line);
   });
+  // On a phone the figures would cover the picture.
+  if (matchMedia("(pointer: coarse) and ((max-width: 520px) or (max-height: 520px))").matches) document.querySelector("details").open = false;
   const culling = walk.culling || {};
   said("alpha").textContent = culling.method ? `${culling.method}, ${culling.alpha}` : "none";
 
@@ -63,9 +66,8 @@ async function start() {
   }
 
   function sides() {
-    const { first, second, between } = beside(walk, now.t);
-    const references = first === second || between === 0 ? [first] : [first, second];
-    return { references, between };
+    const { first, second, between, exact } = beside(walk, now.t);
+    return { references: first === second || exact ? [first] : [first, second], between, exact };
   }
 
   /** Fetches what the view needs, nearest the gaze first, then what comes next along the way. */
@@ -95,7 +97,7 @@ async function start() {
 
   function drawNow() {
     drawing = false;
-    const { references, between } = sides();
+    const { references, between, exact } = sides();
     const sectors = sectorsInView(walk, now.yaw, halfWidth());
     const shown = references.map((reference) => ({
       reference,
@@ -104,10 +106,11 @@ async function start() {
       ),
     }));
     const eye = placeAt(walk, now.t);
-    stage.draw(eye, now, now.fov, shown, between);
+    stage.draw(eye, now, now.fov, shown, between, exact);
     now.frames++;
+    now.quads = shown.reduce((sum, side) => sum + side.sectors.reduce((all, sector) => all + sector.quads.length / 7, 0), 0);
     if (now.complete && now.first === null) now.first = performance.now();
-    said("exact").textContent = references.length === 1 ? "exact" : "between two references";
+    said("exact").textContent = exact ? "exact" : references.length === 1 ? "beyond a reference" : "between two references";
     said("tiles").textContent = number(
       shown.reduce((sum, side) => sum + side.sectors.reduce((all, sector) => all + sector.tiles.length, 0), 0),
     );

@@ -22,7 +22,7 @@ from ..scene import Scene
 from .culling import Method, check_culling, eyes_around, kept_tiles
 from .projection import Kind, Projection
 from .renderers import BuiltIn, Renderer
-from .slicing import OVERLAP, closed_step, filled, places_of, ranges_between, reach_of, slabs_of
+from .slicing import OVERLAP, closed_step, filled, mesh_error, places_of, ranges_between, reach_of, slabs_of
 from .spacing import fewer, places_by_error
 from .store import FORMAT, MANIFEST, VIEW, Slab, Store, read_manifest
 from .tiles import ACROSS, Codec, check_codec, encode, tile_numbers
@@ -173,6 +173,7 @@ def bake(
                 method=method,
                 alpha=alpha,
                 closed=closed_step(panorama, float(reach[index])),
+                error=mesh_error(panorama, float(reach[index]), mesh_pixels),
             )
             made = [slab.without(keep) for slab, keep in zip(made, kept, strict=True)]
             entry.update(_write(folder, f"{index:04d}", made, tile, codec))

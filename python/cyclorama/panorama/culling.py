@@ -44,6 +44,7 @@ def kept_tiles(
     method: Method | None = "exact",
     alpha: float = 1.0,
     closed: float = 0.0,
+    error: float = 0.0,
     smallest: bool = False,
     threads: int | None = None,
 ) -> list[Mask]:
@@ -55,9 +56,8 @@ def kept_tiles(
     "paper" extends a tile's projection to the sides by equations (1) to (5) and asks whether the mean opacity of
     the map there is at least `alpha`, with occluders at their slab's end. That isn't conservative: near occluders
     move most, and views between move up and down, too. "exact" walks from each pixel along its epipolar line over
-    the map, with each occluder's own depth: at `alpha` 1 no surface that can be seen from the straight way to a
-    neighbour is dropped. (Hairlines between quads as they are drawn stay: through them a view may see what was
-    dropped, one pixel in 50,000 in a furnished room.)
+    the slabs in front and its own, with each occluder's own depth, and joins the shadows that their surfaces cast on
+    the way to a neighbour: at `alpha` 1 no surface that can be seen from there is dropped.
 
     Parameters
     ----------
@@ -75,6 +75,8 @@ def kept_tiles(
     alpha : float
     closed : float
         Neighbouring pixels are one surface if their disparities differ by at most this: the gap between them is closed.
+    error : float
+        How far, in disparity, a slab may be from what is drawn of it: occluders count as so much smaller.
     smallest : bool
         For "paper": takes a tile to be at its smallest range, as the paper's text says, not its largest, as its figure
         4 does.
@@ -105,7 +107,7 @@ def kept_tiles(
         return [np.asarray((a > 0).reshape(shape[0], tile, shape[1], tile).any(axis=(1, 3))) for a in arrays]
     ends = [far for _, far in slabs] if method == "paper" else None
     way = np.ascontiguousarray(np.asarray(eyes, dtype=np.float64).reshape(-1, 3))
-    found = panorama.kernel.kept(arrays, tile, way, alpha, closed, ends, smallest, threads)
+    found = panorama.kernel.kept(arrays, tile, way, alpha, closed, error, ends, smallest, threads)
     return [keep.reshape(shape) for keep in found]
 
 

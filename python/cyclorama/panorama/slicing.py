@@ -14,7 +14,17 @@ from .slabs import checked_slabs, find_slabs
 from .store import Slab
 from .track import Track
 
-__all__ = ["OVERLAP", "closed_step", "disparity_of", "filled", "places_of", "ranges_between", "reach_of", "slabs_of"]
+__all__ = [
+    "OVERLAP",
+    "closed_step",
+    "disparity_of",
+    "filled",
+    "mesh_error",
+    "places_of",
+    "ranges_between",
+    "reach_of",
+    "slabs_of",
+]
 
 #: Slabs are rendered beyond their ends by this share of their range.
 OVERLAP = 0.02
@@ -43,7 +53,7 @@ def slabs_of(
         pixels[layer.opacity, 3] = 255
         disparity = disparity_of(layer)
         step = closed_step(panorama, reach)
-        quads, limits, error = panorama.kernel.quads(disparity, tile, mesh_pixels / _CLOSED * step, step)
+        quads, limits, error = panorama.kernel.quads(disparity, tile, mesh_error(panorama, reach, mesh_pixels), step)
         slabs.append(Slab(pixels, quads, limits, error, filled(layer.opacity, tile)))
         disparities.append(disparity)
     return slabs, disparities
@@ -52,6 +62,11 @@ def slabs_of(
 def closed_step(panorama: Projection, reach: float) -> float:
     """The step of disparity that opens a gap which is closed, for an eye `reach` away."""
     return _CLOSED / (panorama.focal * max(reach, 1e-300))
+
+
+def mesh_error(panorama: Projection, reach: float, pixels: float) -> float:
+    """The disparity that moves a quad by so many pixels, for an eye `reach` away."""
+    return pixels / _CLOSED * closed_step(panorama, reach)
 
 
 def disparity_of(layer: Layer) -> npt.NDArray[np.float32]:

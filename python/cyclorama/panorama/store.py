@@ -1,7 +1,7 @@
 """The folder of a walkthrough: what is in it, and reading it.
 
 ``manifest.json``
-    ``format``: "cyclorama walk 1". ``complete``: whether the bake came to its end. ``projection``, ``size``,
+    ``format``: "cyclorama walk 2". ``complete``: whether the bake came to its end. ``projection``, ``size``,
     ``axes``: of the panoramas; rows of `axes` are right, up and back (see `Projection`). ``track``: ``points``,
     ``spline``, ``closed`` (see `Track`); ``track_length``. ``tile``: pixels a side. ``codec``: "png" or "webp".
     ``sector``: columns of tiles in a sector. ``slabs``: [nearest, farthest] range of each, nearest slab first; the
@@ -46,7 +46,7 @@ from .track import Track
 
 __all__ = ["FORMAT", "MANIFEST", "VIEW", "Entry", "Reference", "Slab", "Store", "read_manifest"]
 
-FORMAT = "cyclorama walk 1"
+FORMAT = "cyclorama walk 2"
 MANIFEST = "manifest.json"
 VIEW = "view.json"
 

@@ -14,7 +14,7 @@ from ..scene import Scene
 from .culling import Method, eyes_around, kept_tiles
 from .projection import Kind, Projection
 from .renderers import BuiltIn, Renderer
-from .slicing import closed_step, places_of, ranges_between, reach_of, slabs_of
+from .slicing import closed_step, mesh_error, places_of, ranges_between, reach_of, slabs_of
 from .store import Reference
 from .tiles import ACROSS, Codec, encode, tile_numbers
 from .track import Track
@@ -77,7 +77,10 @@ class Losses:
     pixels : int
         Of all views.
     lost : int
-        Pixels that show nothing, or a surface a twentieth farther away, instead of what the view with all tiles shows.
+        Pixels that show nothing, or a surface a twentieth farther away, instead of what the view with all tiles shows;
+        where the built-in renderer draws, only those of them that show a surface a twentieth farther than the scene's,
+        too. (Quads move surfaces by their stated error. Where two slabs have the same surface, the nearer copy may be
+        dropped, and the one that stays be the truer one.)
     changed : int
         Pixels whose colour differs, lost ones with them: where slabs overlap a surface is in both, and its edge falls
         half a pixel elsewhere when one of the two is dropped.
@@ -146,9 +149,11 @@ class Survey:
         progress: Progress = None,
     ) -> None:
         renderer = BuiltIn(scene) if isinstance(scene, Scene) else scene
+        self._renderer = renderer
         self.track = track if isinstance(track, Track) else Track(track)
         self.projection = Projection(projection, size, up=up)
         self.tile = tile
+        self._mesh_pixels = mesh_pixels
         if isinstance(renderer, BuiltIn):
             self.track.check(renderer.scene, allow_outside=allow_outside)
         self.places = places_of(self.track, renderer, self.projection, spacing, places)
@@ -184,6 +189,7 @@ class Survey:
                     method=method,
                     alpha=alpha,
                     closed=closed_step(self.projection, float(self._reach[index])),
+                    error=mesh_error(self.projection, float(self._reach[index]), self._mesh_pixels),
                     smallest=smallest,
                 )
                 for index, disparities in enumerate(self._disparities)
@@ -308,7 +314,10 @@ class Survey:
                 whole = seen_between(full[pair], between, self.projection, camera, (255, 0, 255))
                 less = seen_between(culled[pair], between, self.projection, camera, (255, 0, 255))
                 changed += int(np.count_nonzero((whole.color != less.color).any(axis=-1)))
-                differs = (less.depth > _FARTHER * whole.depth) | (less.hole & ~whole.hole)
+                farther = less.depth > _FARTHER * whole.depth
+                if isinstance(self._renderer, BuiltIn):
+                    farther &= less.depth > _FARTHER * self._renderer.scene.render(camera).depth
+                differs = farther | (less.hole & ~whole.hole)
                 pixels = int(np.count_nonzero(differs))
                 lost += pixels
                 hit += pixels > 0

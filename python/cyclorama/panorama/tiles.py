@@ -3,10 +3,13 @@
 The tiles of a panorama come in *sectors*, upright stripes of 8 columns of tiles: what a view to one side needs. A
 sector of a slab is two files. The picture (PNG, or lossless WebP) holds the tiles that are kept, in the order of
 their numbers, 8 in a row, each with a border of one pixel, which belongs to its neighbours: so bilinear look-ups in a
-cell are those in the panorama. Red, green, blue, and an opacity of 0 or 255; what is transparent is black. The quads
-are little-endian uint16 by 7s, compressed by gzip: column and row of the upper left pixel in the panorama, pixels a
-side, and the disparity of each corner (upper left, upper right, lower left, lower right) in steps of the slab's range
-of disparities.
+cell are those in the panorama. Red, green, blue, and an opacity of 0 or 255; what is transparent is black.
+
+A quad is 7 numbers of 16 bits: column and row of the upper left pixel in the panorama, pixels a side, and the disparity
+of each corner (upper left a, upper right b, lower left c, lower right d) in steps of the slab's range of disparities.
+Their file, compressed by gzip, has them column by column, as differences modulo 65536, which are small: of column, row
+and a from the quad before; the side itself; b - a, c - a, d - b - c + a. A difference v is written as 2 v, or -2 v - 1
+where it is negative; first come the low bytes of all numbers, then the high bytes.
 """
 
 from __future__ import annotations
@@ -90,8 +93,40 @@ def encode(pixels: Pixels, quads: Quads, tiles: Indices, tile: int, codec: Codec
         image.save(picture, "PNG", compress_level=6)
     else:
         image.save(picture, "WEBP", lossless=True, quality=30, method=2, exact=True)
-    packed = gzip.compress(np.ascontiguousarray(quads, dtype="<u2").tobytes(), compresslevel=6, mtime=0)
-    return picture.getvalue(), packed
+    return picture.getvalue(), gzip.compress(_differences(quads), compresslevel=6, mtime=0)
+
+
+def _differences(quads: Quads) -> bytes:
+    """(N, 7) quads as a file has them before gzip."""
+    x, y, side, a, b, c, d = quads.T.astype(np.uint16)
+    before = [np.diff(column, prepend=np.uint16(0)) for column in (x, y, a)]
+    signed = np.stack([*before[:2], side, before[2], b - a, c - a, d - b - c + a]).view(np.int16)
+    folded = ((signed << 1) ^ (signed >> 15)).view(np.uint16)
+    return ((folded & 255).astype(np.uint8)).tobytes() + ((folded >> 8).astype(np.uint8)).tobytes()
+
+
+def _sums(content: bytes) -> Quads:
+    """The quads that `_differences` made a file of.
+
+    Raises
+    ------
+    ValueError
+        If the bytes aren't of whole quads.
+
+    Examples
+    --------
+    >>> quads = np.array([(5, 7, 8, 9, 60000, 3, 4), (1, 9, 1, 65535, 0, 2, 1)], np.uint16)
+    >>> bool((_sums(_differences(quads)) == quads).all())
+    True
+    """
+    if len(content) % 14:
+        raise ValueError(f"{len(content)} bytes are no whole quads")
+    low, high = np.frombuffer(content, np.uint8).reshape(2, 7, -1).astype(np.uint16)
+    folded = low | (high << 8)
+    x, y, side, a, b, c, d = (folded >> 1) ^ (-(folded & 1).astype(np.int16)).view(np.uint16)
+    x, y, a = (np.cumsum(column, dtype=np.uint16) for column in (x, y, a))
+    b, c = b + a, c + a
+    return np.column_stack([x, y, side, a, b, c, d + b + c - a])
 
 
 def _cell(shape: tuple[int, ...], number: int, tile: int) -> tuple[Indices, Indices, npt.NDArray[np.bool_]]:
@@ -116,14 +151,14 @@ def decode(picture: bytes, packed: bytes, tiles: Indices, tile: int, pixels: Pix
     try:
         with Image.open(io.BytesIO(picture)) as image:
             atlas = np.asarray(image.convert("RGBA"))
-        values = np.frombuffer(gzip.decompress(packed), dtype="<u2").astype(np.uint16)
+        quads = _sums(gzip.decompress(packed))
     except (OSError, EOFError, ValueError, SyntaxError, zlib.error) as error:
         raise ValueError(f"{what} is not whole: {error}") from error
-    if atlas.shape != (-(-len(tiles) // ACROSS) * cell, ACROSS * cell, 4) or len(values) % 7:
-        raise ValueError(f"{what} is of another size than its list of tiles says: {atlas.shape}, {len(values)} numbers")
+    if atlas.shape != (-(-len(tiles) // ACROSS) * cell, ACROSS * cell, 4):
+        raise ValueError(f"{what} is of another size than its list of tiles says: {atlas.shape}")
     for index, number in enumerate(tiles):
         rows, columns, inside = _cell(pixels.shape, int(number), tile)
         top, left = index // ACROSS * cell, index % ACROSS * cell
         # With its border: what kept tiles mix their own borders with.
         pixels[rows[inside], columns] = atlas[top : top + cell, left : left + cell][inside]
-    return values.reshape(-1, 7)
+    return quads

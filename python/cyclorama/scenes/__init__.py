@@ -8,6 +8,7 @@
 | `plant` | clusters of leaves of very different density |
 | `tree` | foliage: slivers of leaves through the gaps of others |
 | `house` | furnished rooms with doors and windows; knows its cells and portals |
+| `castle` | walls, towers and a town of narrow lanes: far more hidden than seen; knows a way through it |
 | `nested_boxes` | only the outermost shows: answered by hand |
 | `window_box` | a small thing seen through a window: answered by hand |
 | `notch` | an apex that no sample sees, but an eye between them does (the 2001 paper's figure 4) |
@@ -21,11 +22,14 @@ from .building import House, house
 from .machines import gear, pipes
 from .plants import plant, tree
 from .round import sphere
+from .stronghold import Castle, castle
 
 __all__ = [
+    "Castle",
     "House",
     "KnownScene",
     "Sight",
+    "castle",
     "gear",
     "grating",
     "house",

@@ -9,33 +9,40 @@ export function placeAt(walk, t) {
   return knots[k].map((x, axis) => x * (1 - along) + knots[k + 1][axis] * along);
 }
 
-/** The references beside a place, and how far between them it is. */
+/**
+ * The references beside a place, how far between them it is, and whether it is the first one itself, as Store.beside has
+ * it: before the first and after the last reference both are the same one.
+ */
 export function beside(walk, t) {
   const places = walk.references.map((entry) => entry.t);
   let first = 0;
   while (first < places.length - 1 && places[first + 1] <= t) first++;
-  if (first === places.length - 1) return { first, second: first, between: 0 };
-  return { first, second: first + 1, between: (t - places[first]) / (places[first + 1] - places[first]) };
+  const exact = t === places[first];
+  if (t < places[0] || first === places.length - 1) return { first, second: first, between: 0, exact };
+  return { first, second: first + 1, between: (t - places[first]) / (places[first + 1] - places[first]), exact };
 }
 
-/** A function that gives the world's direction of a panorama's pixel corner. */
+/**
+ * A function that gives the world's direction of a place in a panorama's pixels, of halves of them: columns go round, rows
+ * end with the panorama.
+ */
 export function directions(walk) {
   const [width, height] = walk.size;
   const [right, up, back] = walk.axes;
-  const columns = Array.from({ length: width + 1 }, (_, x) => {
-    const turn = 2 * Math.PI * (x / width - 0.5);
+  const columns = Array.from({ length: 2 * width }, (_, x) => {
+    const turn = 2 * Math.PI * (x / (2 * width) - 0.5);
     return [Math.sin(turn), Math.cos(turn)];
   });
-  const rows = Array.from({ length: height + 1 }, (_, y) => {
+  const rows = Array.from({ length: 2 * height + 1 }, (_, y) => {
     const tilt =
       walk.projection === "cylinder"
-        ? Math.atan(((height / 2 - y) * 2 * Math.PI) / width)
-        : Math.PI * (0.5 - y / height);
+        ? Math.atan(((height - y) * Math.PI) / width)
+        : Math.PI * (0.5 - y / (2 * height));
     return [Math.cos(tilt), Math.sin(tilt)];
   });
   return (x, y) => {
-    const [sin, cos] = columns[x];
-    const [flat, high] = rows[y];
+    const [sin, cos] = columns[(2 * x + 2 * width) % (2 * width)];
+    const [flat, high] = rows[Math.min(Math.max(2 * y, 0), 2 * height)];
     return right.map((r, axis) => r * sin * flat + up[axis] * high - back[axis] * cos * flat);
   };
 }

@@ -4,26 +4,28 @@ import { directions } from "./rail.js";
 
 const STEPS = 65535;
 const ACROSS = 8; // cells in a row of a sector's picture
+const LEAST = 0.5; // of a corner's disparity, what is left of it at least when a quad is made larger
 const FAR = 1e4; // what is at infinity lies so many track lengths and ranges away
 
 // Seen from beside a reference, pixels are of one surface or of another; from the reference itself, the slabs lie over
 // each other and their pixels mix, so that the panorama is what it was before it was cut.
 const SHOW = {
   vertexShader: `
-    out vec2 at; out float range;
+    in vec3 place;
+    out vec3 at; out float range;
     void main() {
       vec4 eye = modelViewMatrix * vec4(position, 1.0);
-      at = uv; range = -eye.z;
+      at = place; range = -eye.z;
       gl_Position = projectionMatrix * eye;
     }`,
   fragmentShader: `
     uniform bool exact;
     uniform sampler2D picture;
-    in vec2 at; in float range;
+    in vec3 at; in float range;
     layout(location = 0) out vec4 color;
     layout(location = 1) out vec4 near;
     void main() {
-      vec4 found = texture(picture, at);
+      vec4 found = texture(picture, at.xy / at.z);
       if (!exact && found.a < 0.5) discard;
       color = exact ? found : vec4(found.rgb / found.a, 1.0);
       near = vec4(1.0 / range, 0.0, 0.0, 1.0);
@@ -49,11 +51,15 @@ const MIX = {
     }`,
 };
 
-/** The corners of a sector's quads around its reference, as a geometry with a place in its picture for each. */
+/**
+ * The corners of a sector's quads around its reference, as a geometry with a place in its picture for each. As in
+ * src/panorama/view.rs, quads of more than a pixel are half a pixel larger on all sides, so that no gaps are left where
+ * they meet smaller ones.
+ */
 export function geometryOf(walk, sector, direction) {
   const count = sector.quads.length / 7;
   const position = new Float32Array(12 * count);
-  const uv = new Float32Array(8 * count);
+  const places = new Float32Array(12 * count);
   const index = new Uint32Array(6 * count);
   const [width] = walk.size;
   const { tile } = walk;
@@ -70,21 +76,28 @@ export function geometryOf(walk, sector, direction) {
     const place = cells.get(row * across + column);
     const left = (place % ACROSS) * cell + 1 - column * tile;
     const top = Math.floor(place / ACROSS) * cell + 1 - row * tile;
+    let first = 1;
+    const margin = side === 1 ? 0 : 0.5;
+    const own = Array.from(steps, (step) => low + ((high - low) * step) / STEPS);
     for (let corner = 0; corner < 4; corner++) {
-      const px = x + (corner % 2) * side;
-      const py = y + (corner >> 1) * side;
-      const disparity = low + ((high - low) * steps[corner]) / STEPS;
+      const px = corner % 2 ? x + side + margin : x - margin;
+      const py = corner >> 1 ? y + side + margin : y - margin;
+      const beyond = (margin / side) * (2 * own[corner] - own[corner ^ 1] - own[corner ^ 2]);
+      const disparity = Math.max(own[corner] + beyond, LEAST * own[corner]);
       const range = Math.min(1 / Math.max(disparity, 1e-30), farthest);
       const [dx, dy, dz] = direction(px, py);
       position.set([dx * range, dy * range, dz * range], 12 * quad + 3 * corner);
       const [u, v] = side === 1 ? [x + 0.5, y + 0.5] : [px, py];
-      uv.set([(left + u) / size[0], (top + v) / size[1]], 8 * quad + 2 * corner);
+      // Farther corners weigh more: what is halfway between two in space is nearer the farther one in the picture.
+      if (corner === 0) first = range;
+      const weight = range / first;
+      places.set([(weight * (left + u)) / size[0], (weight * (top + v)) / size[1], weight], 12 * quad + 3 * corner);
     }
     index.set([0, 2, 1, 1, 2, 3].map((k) => 4 * quad + k), 6 * quad);
   }
   const geometry = new THREE.BufferGeometry();
   geometry.setAttribute("position", new THREE.BufferAttribute(position, 3));
-  geometry.setAttribute("uv", new THREE.BufferAttribute(uv, 2));
+  geometry.setAttribute("place", new THREE.BufferAttribute(places, 3));
   geometry.setIndex(new THREE.BufferAttribute(index, 1));
   return geometry;
 }
@@ -98,7 +111,7 @@ function shellOf(walk, sector, direction) {
   const size = [sector.image.width, sector.image.height];
   const step = Math.max(1, Math.min(tile, Math.floor(width / 128))); // pixels; chords of 3 degrees
   const position = [];
-  const uv = [];
+  const places = [];
   const index = [];
   sector.tiles.forEach((number, at) => {
     const [x, y] = [(number % across) * tile, Math.floor(number / across) * tile];
@@ -108,7 +121,7 @@ function shellOf(walk, sector, direction) {
     for (let row = 0; row < side; row++) {
       for (let column = 0; column < side; column++) {
         position.push(...direction(x + column * step, y + row * step));
-        uv.push((left + column * step) / size[0], (top + row * step) / size[1]);
+        places.push((left + column * step) / size[0], (top + row * step) / size[1], 1);
         if (row === 0 || column === 0) continue;
         const corner = first + row * side + column;
         index.push(corner - side - 1, corner - 1, corner - side, corner - side, corner - 1, corner);
@@ -117,7 +130,7 @@ function shellOf(walk, sector, direction) {
   });
   const geometry = new THREE.BufferGeometry();
   geometry.setAttribute("position", new THREE.BufferAttribute(new Float32Array(position), 3));
-  geometry.setAttribute("uv", new THREE.BufferAttribute(new Float32Array(uv), 2));
+  geometry.setAttribute("place", new THREE.BufferAttribute(new Float32Array(places), 3));
   geometry.setIndex(index);
   return geometry;
 }
@@ -218,8 +231,9 @@ export class Stage {
   /**
    * @param eye the eye's place; @param gaze {yaw, pitch} in radians about the panorama's axes; @param fov degrees
    * @param sides [{reference, sectors}] of the one or two references; @param between 0 to 1
+   * @param exact whether the eye is at the one reference
    */
-  draw(eye, gaze, fov, sides, between) {
+  draw(eye, gaze, fov, sides, between, exact) {
     const [right, up, back] = this.walk.axes.map((axis) => new THREE.Vector3(...axis));
     const { camera } = this;
     const flat = Math.cos(gaze.pitch);
@@ -229,7 +243,7 @@ export class Stage {
       .addScaledVector(back, -Math.cos(gaze.yaw) * flat);
     camera.fov = fov;
     const span = this.walk.track_length + this.walk.slabs[0][0];
-    camera.near = sides.length === 1 ? 0.03 : Math.max(this.walk.slabs[0][0] * 0.05, span * 1e-4);
+    camera.near = exact ? 0.03 : Math.max(this.walk.slabs[0][0] * 0.05, span * 1e-4);
     camera.far = camera.near * 1e7;
     camera.updateProjectionMatrix();
     camera.position.set(0, 0, 0);
@@ -241,8 +255,8 @@ export class Stage {
       group.clear();
       const from = this.walk.references[side.reference].eye;
       for (const sector of side.sectors) {
-        const mesh = sides.length === 1 ? this.shape(sector).exact : this.shape(sector).between;
-        if (sides.length > 1) mesh.position.set(...from.map((x, axis) => x - eye[axis]));
+        const mesh = exact ? this.shape(sector).exact : this.shape(sector).between;
+        if (!exact) mesh.position.set(...from.map((x, axis) => x - eye[axis]));
         group.add(mesh);
       }
       this.renderer.setRenderTarget(this.targets[which]);

@@ -1,9 +1,27 @@
 // Sectors of tiles from the server: many in one request, kept up to a limit of bytes, those first that were used last.
 import { unpack } from "../arrays.js";
 
-async function gunzip(bytes) {
-  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
-  return new Uint16Array(await new Response(stream).arrayBuffer());
+/** Quads by 7s, of a file as cyclorama.panorama.tiles describes it. */
+async function unpackQuads(packed) {
+  const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
+  const bytes = new Uint8Array(await new Response(stream).arrayBuffer());
+  const half = bytes.length / 2;
+  const count = half / 7;
+  const quads = new Uint16Array(half); // arithmetic on its entries is modulo 65536
+  for (let quad = 0; quad < count; quad++) {
+    const [x, y, side, a, b, c, d] = Array.from({ length: 7 }, (_, column) => {
+      const at = column * count + quad;
+      const folded = bytes[at] | (bytes[half + at] << 8);
+      return (folded >> 1) ^ -(folded & 1);
+    });
+    const at = 7 * quad;
+    quads.set([x, y, side, a], at);
+    if (quad > 0) for (const column of [0, 1, 3]) quads[at + column] += quads[at + column - 7];
+    quads[at + 4] = quads[at + 3] + b;
+    quads[at + 5] = quads[at + 3] + c;
+    quads[at + 6] = d + quads[at + 4] + quads[at + 5] - quads[at + 3];
+  }
+  return quads;
 }
 
 async function need(response) {
@@ -88,7 +106,7 @@ export class Tiles {
       for (const { name, slab, entry } of wanted) {
         const picture = new Blob([files[`${folder}/${entry.image}`]], { type });
         const image = await createImageBitmap(picture, { premultiplyAlpha: "none", colorSpaceConversion: "none" });
-        const quads = await gunzip(files[`${folder}/${entry.quads}`]);
+        const quads = await unpackQuads(files[`${folder}/${entry.quads}`]);
         const { disparity } = view.slabs[slab];
         const bytes = 4 * image.width * image.height + 8 * quads.length;
         this.kept.set(name, { reference, slab, sector: entry.sector, tiles: entry.tiles, image, quads, disparity, bytes });
