@@ -146,7 +146,8 @@ def _house(low: Points, high: Points, random: np.random.Generator) -> list[Piece
     wide = high - low
     along = int(wide[1] > wide[0])
     eaves, rise = random.uniform(3.0, 6.5), 0.55 * wide[1 - along]
-    plaster = tuple(int(c) for c in np.array([205, 190, 160]) + random.integers(-30, 25))
+    shade = int(random.integers(-30, 25))
+    plaster = (205 + shade, 190 + shade, 160 + shade)
     middle = (low + high) / 2
     half = wide / 2
 
