@@ -86,6 +86,7 @@ class Layered:
         self,
         camera: tuple[object, ...],
         out: tuple[npt.NDArray[Any], ...],
+        wanted: npt.NDArray[np.bool_] | None = None,
         background: npt.NDArray[np.uint8] | None = None,
         keep: bool = False,
         threads: int | None = None,
@@ -177,6 +178,13 @@ def compose(
     names: npt.NDArray[np.uint32] | None = None,
     twice: npt.NDArray[np.bool_] | None = None,
 ) -> int: ...
+def face_colors(ids: npt.NDArray[np.uint32], colors: npt.NDArray[np.uint8], picture: npt.NDArray[np.uint8]) -> None: ...
+def nearest_cells(
+    boxes: tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.int64], npt.NDArray[np.uint32]],
+    cells: npt.NDArray[np.int64],
+    gaze: npt.NDArray[np.float64],
+    room: int,
+) -> tuple[npt.NDArray[np.uint32], float]: ...
 def rays_enter(
     sides: npt.NDArray[np.float64],
     near: float,

@@ -515,6 +515,7 @@ class LayeredDepthImage:
         order: Order | None = None,
         cull: Cull = False,
         thresholds: tuple[int, int] = (64, 4),
+        where: npt.NDArray[np.bool_] | None = None,
         background: Warped | npt.NDArray[np.uint8] | None = None,
         threads: int | None = None,
         out: Warped | None = None,
@@ -546,6 +547,8 @@ class LayeredDepthImage:
         thresholds : (int, int)
             For "paper": an octree node of fewer samples than the first, or fewer pixels a side than the second, is not
             divided.
+        where : (H, W) ndarray of bool, optional
+            For "projected": the pixels that are wanted. Others may be holes, and what falls on them only is left out.
         background, threads, out
             As for `cyclorama.warp.forward`.
 
@@ -579,6 +582,8 @@ class LayeredDepthImage:
         checked_choice("order", order, _ORDERS)
         if projected and (cull or order != "zbuffer"):
             raise ValueError(f"splat='projected' needs cull=False and order='zbuffer', got {cull!r} and {order!r}")
+        if where is not None and not projected:
+            raise ValueError(f"where= is for splat='projected', got splat={splat!r}")
         size = 1 if projected else _size(splat, cull == "paper")
         if out is None:
             out = _fresh(camera)
@@ -588,7 +593,7 @@ class LayeredDepthImage:
         keep, arrays = behind is out.color, (out.color, out.depth, out.hole, out.exact, out.source)
         behind = None if keep else behind
         if projected:
-            self._kernel.warp_patches(stack(camera), arrays, behind, keep, threads)
+            self._kernel.warp_patches(stack(camera), arrays, where, behind, keep, threads)
             stats = Stats(self.samples, self.samples, 0, 0)
         elif cull == "paper":
             count, side = checked_pair("thresholds", thresholds)

@@ -6,6 +6,7 @@
 
 use crate::error::Error;
 use crate::render::BACKGROUND;
+use crate::render::lanes::{InstructionSet, Kernel, Lanes};
 use rayon::prelude::*;
 
 /// What is there already, row-major, all of one size.
@@ -179,7 +180,7 @@ impl Row<'_> {
 }
 
 /// A half-space as the rays of an image meet it: of the point at depth t on the ray through pixel coordinates (x, y),
-/// `start + t (slope[0] x + slope[1] y + slope[2])` is positive inside.
+/// `start + t (slope[0] x + slope[1] y + slope[2])` is not negative inside.
 #[derive(Debug, Clone, Copy)]
 pub struct Side {
     pub slope: [f64; 3],
@@ -206,29 +207,72 @@ pub fn enters(
             depth.len()
         )));
     }
-    let lines = within.par_chunks_mut(width).zip(depth.par_chunks(width)).with_min_len(LEAST_ROWS / 4);
-    let counts = lines.enumerate().map(|(y, (within, depth))| {
-        // Side by side, so that the loop over a row's pixels is one of lanes.
-        let (mut enter, mut leave) = (vec![near; width], vec![f64::INFINITY; width]);
-        for side in sides {
-            let row = side.slope[1] * (y as f64 + 0.5) + side.slope[2];
-            for (x, (enter, leave)) in enter.iter_mut().zip(&mut leave).enumerate() {
-                let slope = side.slope[0] * (x as f64 + 0.5) + row;
-                let cross = -side.start / slope;
-                let outside = slope == 0.0 && side.start < 0.0;
-                *enter = if slope > 0.0 && cross > *enter { cross } else { *enter };
-                *leave = if slope < 0.0 && cross < *leave { cross } else { *leave };
-                *leave = if outside { f64::NEG_INFINITY } else { *leave };
+    let lines = within.par_chunks_mut(width).zip(depth.par_chunks(width)).with_min_len(LEAST_ROWS);
+    let counts = lines
+        .enumerate()
+        .map(|(y, (within, depth))| InstructionSet::best().run(Entering { sides, near, y, depth, within }));
+    Ok(counts.sum())
+}
+
+/// A row of pixels whose rays may enter.
+///
+/// At depth t, times 1 / t, a side is `start / t + slope`: a bound on 1 / t that is linear along a row. So the least 1 / t
+/// and the greatest inside are found without dividing, several pixels at a time.
+struct Entering<'a> {
+    sides: &'a [Side],
+    near: f64,
+    y: usize,
+    depth: &'a [f32],
+    within: &'a mut [bool],
+}
+
+/// Pixels of a row that are looked at together.
+const PIECE: usize = 16;
+
+impl Kernel for Entering<'_> {
+    type Output = usize;
+
+    #[inline(always)]
+    fn run<L: Lanes>(self) -> usize {
+        let Self { sides, near, y, depth, within } = self;
+        let mut count = 0;
+        for (piece, (within, depth)) in within.chunks_mut(PIECE).zip(depth.chunks(PIECE)).enumerate() {
+            if depth.iter().all(|&depth| f64::from(depth) <= near) {
+                within.fill(false);
+                continue;
+            }
+            // The nearest and the farthest point inside, as 1 / depth.
+            let (mut nearest, mut farthest) = ([1.0 / near; PIECE], [0.0_f64; PIECE]);
+            for side in sides {
+                let row = side.slope[1] * (y as f64 + 0.5) + side.slope[2];
+                let (first, step) = (row + side.slope[0] * ((piece * PIECE) as f64 + 0.5), side.slope[0]);
+                if side.start == 0.0 {
+                    for (x, nearest) in nearest.iter_mut().enumerate() {
+                        *nearest = if first + step * (x as f64) < 0.0 { 0.0 } else { *nearest };
+                    }
+                    continue;
+                }
+                let scale = -1.0 / side.start;
+                let (first, step) = (first * scale, step * scale);
+                if side.start < 0.0 {
+                    for (x, nearest) in nearest.iter_mut().enumerate() {
+                        let at = first + step * x as f64;
+                        *nearest = if at < *nearest { at } else { *nearest };
+                    }
+                } else {
+                    for (x, farthest) in farthest.iter_mut().enumerate() {
+                        let at = first + step * x as f64;
+                        *farthest = if at > *farthest { at } else { *farthest };
+                    }
+                }
+            }
+            for (x, (within, &depth)) in within.iter_mut().zip(depth).enumerate() {
+                *within = farthest[x] <= nearest[x] && nearest[x] > 1.0 / f64::from(depth);
+                count += usize::from(*within);
             }
         }
-        let mut count = 0;
-        for (((within, &depth), &enter), &leave) in within.iter_mut().zip(depth).zip(&enter).zip(&leave) {
-            *within = enter <= leave && enter < f64::from(depth);
-            count += usize::from(*within);
-        }
         count
-    });
-    Ok(counts.sum())
+    }
 }
 
 #[cfg(test)]

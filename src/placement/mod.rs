@@ -11,6 +11,7 @@ pub mod frustum;
 pub mod gaze;
 pub mod grid;
 pub mod image;
+pub mod nearest;
 pub mod optimise;
 pub mod paper;
 pub mod place;

@@ -1,12 +1,16 @@
-//! Binding of pictures laid over others.
+//! Binding of composed frames: which geometry is nearest, its colours, pictures laid over others.
 
 use super::arrays::{row_major, rows_of};
 use super::interrupt;
 use crate::image::compose::{Canvas, Layer, Side, enters, lay};
+use crate::placement::nearest::{Boxes, Gaze, nearest};
+use crate::render::shade::face_colors;
+use glam::DVec3;
 use numpy::{
-    PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3, PyReadwriteArray2, PyReadwriteArray3,
-    PyUntypedArrayMethods,
+    IntoPyArray, PyArray1, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3, PyReadwriteArray2,
+    PyReadwriteArray3, PyUntypedArrayMethods,
 };
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 /// Colours, depths, ids, holes, and which layer a pixel shows.
@@ -86,7 +90,59 @@ fn rays_enter(
     interrupt::brief(py, None, move |_| enters(&sides, near, depth, width, within))
 }
 
+/// Gives each pixel of `ids` the colour of its face; the last of `colors` is that of the background.
+#[pyfunction(name = "face_colors")]
+fn colors_of_faces(
+    py: Python<'_>,
+    ids: PyReadonlyArray2<'_, u32>,
+    colors: PyReadonlyArray2<'_, u8>,
+    mut picture: PyReadwriteArray3<'_, u8>,
+) -> PyResult<()> {
+    let (ids, colors) = (row_major("ids", &ids)?, rows_of("colors", &colors)?);
+    let picture = picture.as_slice_mut()?.as_chunks_mut().0;
+    interrupt::brief(py, None, move |_| face_colors(ids, colors, picture))
+}
+
+/// The faces of the cells nearest to an eye, and the depth at which the first begins that doesn't fit.
+///
+/// `boxes` are (C, 3) lowest and highest coordinates, (C + 1,) starts and (F,) faces; `gaze` is the eye, the unit vector
+/// ahead and the four sides' inward normals, (6, 3).
+#[pyfunction]
+fn nearest_cells<'py>(
+    py: Python<'py>,
+    boxes: (
+        PyReadonlyArray2<'_, f64>,
+        PyReadonlyArray2<'_, f64>,
+        PyReadonlyArray1<'_, i64>,
+        PyReadonlyArray1<'_, u32>,
+    ),
+    cells: PyReadonlyArray1<'_, i64>,
+    gaze: PyReadonlyArray2<'_, f64>,
+    room: usize,
+) -> PyResult<(Bound<'py, PyArray1<u32>>, f64)> {
+    let all = Boxes {
+        low: rows_of("low", &boxes.0)?,
+        high: rows_of("high", &boxes.1)?,
+        starts: row_major("starts", &boxes.2)?,
+        order: row_major("order", &boxes.3)?,
+    };
+    let cells = row_major("cells", &cells)?;
+    let &[eye, ahead, a, b, c, d] = rows_of::<3, _, _>("gaze", &gaze)? else {
+        return Err(PyValueError::new_err("gaze must have 6 rows"));
+    };
+    let gaze =
+        Gaze { eye: DVec3::from(eye), ahead: DVec3::from(ahead), sides: [a, b, c, d].map(DVec3::from) };
+    let (faces, depth) = interrupt::brief(py, None, move |_| {
+        let mut faces = Vec::new();
+        let depth = nearest(all, cells, &gaze, room, &mut faces)?;
+        Ok((faces, depth))
+    })?;
+    Ok((faces.into_pyarray(py), depth))
+}
+
 pub fn register(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(compose, m)?)?;
+    m.add_function(wrap_pyfunction!(colors_of_faces, m)?)?;
+    m.add_function(wrap_pyfunction!(nearest_cells, m)?)?;
     m.add_function(wrap_pyfunction!(rays_enter, m)?)
 }

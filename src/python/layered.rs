@@ -167,12 +167,13 @@ impl PyLayered {
     }
 
     /// Warps to a camera, each sample as large as the piece of surface that it stands for.
-    #[pyo3(signature = (camera, out, background=None, keep=false, threads=None))]
+    #[pyo3(signature = (camera, out, wanted=None, background=None, keep=false, threads=None))]
     fn warp_patches(
         &self,
         py: Python<'_>,
         camera: CameraArrays<'_>,
         mut out: PictureArrays<'_>,
+        wanted: Option<PyReadonlyArray2<'_, bool>>,
         background: Option<PyReadonlyArray3<'_, u8>>,
         keep: bool,
         threads: Option<i64>,
@@ -180,9 +181,10 @@ impl PyLayered {
         let target = one(&camera)?;
         let background = behind(background.as_ref(), keep)?;
         let picture = picture(&mut out)?;
+        let wanted = wanted.as_ref().map(|wanted| row_major("where", wanted)).transpose()?;
         interrupt::brief(py, threads, move |control: &Control| {
             let slopes = self.slopes.get_or_init(|| Slopes::new(&self.image));
-            patches::warp(&self.image, slopes, &target, background, picture, control)
+            patches::warp(&self.image, slopes, &target, wanted, background, picture, control)
         })
     }
 

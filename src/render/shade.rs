@@ -83,6 +83,35 @@ pub fn shade(
     Ok(())
 }
 
+/// Gives each pixel of an id-buffer the colour of its face, unlit; the last colour is that of [`BACKGROUND`].
+///
+/// # Errors
+/// [`Error::Invalid`] for the first pixel whose face has no colour, or sizes that do not fit.
+pub fn face_colors(ids: &[u32], colors: &[[u8; 3]], picture: &mut [[u8; 3]]) -> Result<(), Error> {
+    let Some((&sky, faces)) = colors.split_last() else {
+        return Err(Error::Invalid("colors is empty: the last is the background's".into()));
+    };
+    if ids.len() != picture.len() {
+        return Err(Error::Invalid(format!("ids has {} pixels, picture {}", ids.len(), picture.len())));
+    }
+    let wrong = |&(_, &id): &(usize, &u32)| id != BACKGROUND && id as usize >= faces.len();
+    if let Some((pixel, &id)) = ids.iter().enumerate().find(wrong) {
+        return Err(Error::Invalid(format!(
+            "ids names face {id} at pixel {pixel}, there are {} colors and the background's",
+            faces.len()
+        )));
+    }
+    picture.par_chunks_mut(PIXELS).zip(ids.par_chunks(PIXELS)).for_each(|(picture, ids)| {
+        for (pixel, &id) in picture.iter_mut().zip(ids) {
+            *pixel = if id == BACKGROUND { sky } else { faces[id as usize] };
+        }
+    });
+    Ok(())
+}
+
+/// Pixels that a thread colours at a time.
+const PIXELS: usize = 1 << 14;
+
 fn lit(mesh: &Mesh, view: &View, face: usize, at: [f64; 2], colors: Colors<'_>) -> [u8; 3] {
     let [a, b, c] = mesh.corners(face);
     let normal = (b - a).cross(c - a).normalize_or_zero();

@@ -186,6 +186,7 @@ class Pictures:
         self.layered, self.foreground = layered, foreground
         self._central: tuple[int, DepthImage] | None = None
         self._bounds: dict[int, Floats] = {}
+        self._culled: dict[int, int] = {}
 
     def central(self, index: int) -> DepthImage:
         """What the viewpoint sees through the quadrilateral, rendered on the fly; the last one is kept (4.4.1)."""
@@ -194,6 +195,12 @@ class Pictures:
             camera = camera_through(viewpoint, self.plan.images.corners[index], self.size)
             self._central = index, picture(self.scene, camera, self.plan.culled(index), self.color)
         return self._central[1]
+
+    def culled(self, index: int) -> int:
+        """How many faces an image stands for."""
+        if index not in self._culled:
+            self._culled[index] = len(self.plan.culled(index))
+        return self._culled[index]
 
     def space(self, index: int) -> Floats:
         """(P, 4) half-spaces ``n . x + d >= 0`` whose common part holds all that an image stands for."""
@@ -244,11 +251,14 @@ def draw(
     samples = culled = 0
     warped = clock[-1]
     if index is not None:
-        culled = len(plan.culled(index))
+        culled = pictures.culled(index)
         within = entered(pictures.space(index), camera, out.depth, near.depth)
         if within.any():
             small = camera if warp_size is None else camera.with_size(*warp_size)
-            behind, samples = _backdrop(pictures, index, small.replace(near=near.depth), display, splat, threads)
+            # What is not seen need not be warped.
+            wanted = within if warp_size is None else None
+            to = small.replace(near=near.depth)
+            behind, samples = _backdrop(pictures, index, to, display, splat, wanted, threads)
             if warp_size is not None:
                 behind = _scaled(behind, camera)
             warped = time.perf_counter()
@@ -295,13 +305,21 @@ def _geometry(
 
 
 def _backdrop(
-    pictures: Pictures, index: int, camera: Camera, display: Display, splat: Splat | None, threads: int | None
+    pictures: Pictures,
+    index: int,
+    camera: Camera,
+    display: Display,
+    splat: Splat | None,
+    wanted: Mask | None,
+    threads: int | None,
 ) -> tuple[Warped, int]:
     """What a camera sees of an image, and how many samples that is."""
     if display == "ldi":
         # An eye and a gaze choose the group.
         layered = pictures.layered(index, camera.eye, camera.world_to_camera[2, :3])
-        return layered.warp(camera, splat=splat or "projected", threads=threads), layered.samples
+        shape = splat or "projected"
+        where = wanted if shape == "projected" else None
+        return layered.warp(camera, splat=shape, where=where, threads=threads), layered.samples
     central = pictures.central(index)
     if display == "warp":
         return forward(central, camera, splat=splat or 3, threads=threads), central.missing.size

@@ -13,14 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from .. import _core
 from ..camera import Camera
 from ..scene import Scene
 from .painting import Placement
 from .verify import cell_boxes
 
 __all__ = ["Foreground", "Nearer"]
-
-Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,11 +48,12 @@ class Foreground:
 
     def __init__(self, plan: Placement, scene: Scene) -> None:
         self._plan = plan
-        self._order, self._starts = plan.cells()
-        self._ends = np.append(self._starts[1:], len(self._order))
-        self._low, self._high = cell_boxes(self._order, self._starts, scene)
-        self._cell = np.empty(len(self._order), np.int64)
-        self._cell[self._order] = np.repeat(np.arange(len(self._starts)), self._ends - self._starts)
+        order, starts = plan.cells()
+        ends = np.append(starts, len(order)).astype(np.int64)
+        low, high = cell_boxes(order, starts, scene)
+        self._boxes = np.ascontiguousarray(low), np.ascontiguousarray(high), ends, np.ascontiguousarray(order)
+        self._cell = np.empty(len(order), np.int64)
+        self._cell[order] = np.repeat(np.arange(len(starts)), np.diff(ends))
         self._behind: dict[int, npt.NDArray[np.int64]] = {}
 
     def cells(self, image: int) -> npt.NDArray[np.int64]:
@@ -73,30 +73,13 @@ class Foreground:
         room : int
             Faces.
         """
-        seen, nearest = self._seen(cells, camera)
-        order = np.argsort(nearest, kind="stable")
-        seen, nearest = seen[order], nearest[order]
-        first, end = self._starts[seen], self._ends[seen]
-        total = np.cumsum(end - first)
-        count = int(np.searchsorted(total, max(room, 0), side="right"))
-        depth = float(nearest[count]) if count < len(seen) else np.inf
-        # A cell that begins where the first that is left out does is of no use, but it does no harm.
-        chosen = [self._order[a:b] for a, b in zip(first[:count].tolist(), end[:count].tolist(), strict=True)]
-        return Nearer(np.concatenate(chosen) if chosen else np.empty(0, np.uint32), depth)
-
-    def in_frustum(self, camera: Camera) -> int:
-        """Faces of all cells that a camera may see: what culling alone would draw."""
-        seen, _ = self._seen(np.arange(len(self._starts)), camera)
-        return int((self._ends - self._starts)[seen].sum())
-
-    def _seen(self, cells: npt.NDArray[np.int64], camera: Camera) -> tuple[npt.NDArray[np.int64], Floats]:
-        """Those of some cells that are not wholly outside of one side of a frustum, and their least depths."""
-        low, high = self._low[cells], self._high[cells]
-        middle, half = (low + high) / 2 - camera.eye, (high - low) / 2
         w, h = camera.width, camera.height
         rays = camera.unproject([(0, 0), (w, 0), (w, h), (0, h)], np.ones(4)) - camera.eye
         sides = np.cross(rays, np.roll(rays, -1, axis=0))
-        ahead = camera.world_to_camera[2, :3]
-        along, reach = middle @ ahead, half @ np.abs(ahead)
-        inside = (middle @ sides.T + half @ np.abs(sides).T >= 0).all(axis=1) & (along + reach > 0)
-        return cells[inside], np.maximum((along - reach)[inside], 0.0)
+        gaze = np.vstack([camera.eye, camera.world_to_camera[2, :3], sides])
+        return Nearer(*_core.nearest_cells(self._boxes, cells, gaze, max(int(room), 0)))
+
+    def in_frustum(self, camera: Camera) -> int:
+        """Faces of all cells that a camera may see: what culling alone would draw."""
+        every = np.arange(len(self._boxes[0]))
+        return len(self.of(every, camera, len(self._cell)).faces)

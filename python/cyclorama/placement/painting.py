@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Literal, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from .. import _core
 from ..camera import Camera
 from ..depth_image import DepthImage
 from ..ldi import LayeredDepthImage
@@ -151,8 +152,9 @@ class Lit:
         self._colors = np.vstack([np.rint(colors * light[:, None]), [(255, 255, 255)]]).astype(np.uint8)
 
     def __call__(self, view: View) -> Bytes:
-        last = len(self._colors) - 1
-        return np.asarray(self._colors[np.minimum(view.ids, last)])
+        picture = np.empty((*view.ids.shape, 3), np.uint8)
+        _core.face_colors(view.ids, self._colors, picture)
+        return picture
 
 
 @dataclass(frozen=True)

@@ -85,10 +85,10 @@ impl Mapping {
 
     /// Whether a point with this homogeneous target pixel is before the eye's plane, and not before the near plane.
     #[inline(always)]
-    fn is_seen(&self, p: DVec3, x: f64, y: f64, disparity: f64) -> bool {
+    pub fn is_seen(&self, p: DVec3, x: f64, y: f64, disparity: f64) -> bool {
         let row = self.matrix.row(2).abs();
         let terms = (row.x * x.abs() + row.y * y.abs()) + (row.z + self.offset.z.abs() * disparity);
-        p.z > PLANE * terms && p.z >= self.near * disparity
+        (p.z > PLANE * terms) & (p.z >= self.near * disparity)
     }
 
     /// Target pixel coordinates and disparity of a point of the source's image; `None` at or behind the eye's plane (what
