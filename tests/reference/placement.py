@@ -43,6 +43,13 @@ class FewImages:
         self._every = np.arange(len(scene), dtype=np.uint32)
         self._rest = [np.setdiff1d(self._every, culled, assume_unique=True) for culled in self._culled]
 
+    #: No coarser levels of detail.
+    lod = ()
+
+    @property
+    def whole(self) -> cyc.Scene:
+        return self.scene
+
     #: Nothing more than what is left: the rest of the budget is zero or less.
     budget = 0
 
@@ -67,5 +74,5 @@ class FewImages:
             if seen and fits and (best is None or np.linalg.norm(step) < best[0]):
                 best = np.linalg.norm(step), index
         if best is None:
-            return SimpleNamespace(faces=self._every, image=None)
-        return SimpleNamespace(faces=self._rest[best[1]], image=SimpleNamespace(index=best[1]))
+            return SimpleNamespace(faces=self._every, image=None, levels=())
+        return SimpleNamespace(faces=self._rest[best[1]], image=SimpleNamespace(index=best[1]), levels=())

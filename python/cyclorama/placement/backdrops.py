@@ -134,7 +134,7 @@ class Backdrops:
         self._max_error = None if max_error is None else float(max_error)
         self._on_demand = on_demand
         self._painting = threading.Lock()
-        self.color = color or Lit(scene, plan.up)
+        self.color = color or Lit(plan.whole if plan.lod else scene, plan.up)
         self._uses: Uses | None = None
         identity = {
             "scene": fingerprint(scene),

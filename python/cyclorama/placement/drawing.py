@@ -24,7 +24,7 @@ from ..render import View
 from ..scene import Scene
 from ..warp import Warped, forward
 from .foreground import Foreground, Nearer
-from .painting import Coloring, Placement, frame_camera, picture
+from .painting import Coloring, Frame, Placement, behind, frame_camera, picture
 
 __all__ = ["DISPLAYS", "Display", "DrawStats", "Drawn", "Pictures", "Splat", "draw"]
 
@@ -193,13 +193,13 @@ class Pictures:
         if self._central is None or self._central[0] != index:
             viewpoint = self.plan.viewpoints[self.plan.images.viewpoint[index]]
             camera = camera_through(viewpoint, self.plan.images.corners[index], self.size)
-            self._central = index, picture(self.scene, camera, self.plan.culled(index), self.color)
+            self._central = index, picture(self.scene, camera, behind(self.plan, self.scene, index), self.color)
         return self._central[1]
 
     def culled(self, index: int) -> int:
         """How many faces an image stands for."""
         if index not in self._culled:
-            self._culled[index] = len(self.plan.culled(index))
+            self._culled[index] = len(behind(self.plan, self.scene, index))
         return self._culled[index]
 
     def space(self, index: int) -> Floats:
@@ -209,7 +209,7 @@ class Pictures:
             plane = ImagePlane.of(self.plan.images.corners[index], viewpoint)
             sides = np.column_stack([plane.sides(), -plane.sides() @ viewpoint])
             front = np.append(plane.normal, -plane.normal @ plane.corners[0])
-            faces = self.plan.culled(index)
+            faces = behind(self.plan, self.scene, index)
             held = self.scene.vertices[self.scene.faces[faces]].reshape(-1, 3).astype(np.float64)
             low, high = (held.min(axis=0), held.max(axis=0)) if len(held) else (viewpoint, viewpoint)
             box = np.vstack([np.column_stack([np.eye(3), -low]), np.column_stack([-np.eye(3), high])])
@@ -232,13 +232,13 @@ def draw(
     """Draws a frame; see `Backdrops.draw`."""
     if display not in DISPLAYS:
         raise ValueError(f"display must be one of {DISPLAYS}, got {display!r}")
-    plan, scene = pictures.plan, pictures.scene
+    plan = pictures.plan
     clock = [time.perf_counter()]
     camera = frame_camera(plan, eye, gaze, size)
     out = Drawn.empty(camera) if out is None else out.checked(camera)
     frame = plan.frame(eye, gaze)
     index = None if frame.image is None else frame.image.index
-    faces, near = frame.faces, Nearer(np.empty(0, np.uint32), 0.0)
+    faces, near = _every_level(pictures, frame), Nearer(np.empty(0, np.uint32), 0.0)
     # A flat image hides all that is beyond its plane: nothing can be drawn there.
     if index is not None and pictures.foreground is not None and display in ("ldi", "warp", "mesh"):
         room = plan.budget - len(faces)
@@ -258,21 +258,28 @@ def draw(
             # What is not seen need not be warped.
             wanted = within if warp_size is None else None
             to = small.replace(near=near.depth)
-            behind, samples = _backdrop(pictures, index, to, display, splat, wanted, threads)
+            shown, samples = _backdrop(pictures, index, to, display, splat, wanted, threads)
             if warp_size is not None:
-                behind = _scaled(behind, camera)
+                shown = _scaled(shown, camera)
             warped = time.perf_counter()
             # What is in the image and drawn as well is as deep in both, but for rounding to the image's pixels.
-            twice = np.zeros(len(scene), np.bool_)
+            twice = np.zeros(len(plan.whole), np.bool_)
             twice[near.faces] = True
-            hole = behind.hole & within
+            hole = shown.hole & within
             # What a flat image shows is elsewhere.
             flat = display in ("quad", "geometry")
-            canvas.lay(behind.depth, index, color=behind.color, within=None if flat else within, twice=twice)
+            canvas.lay(shown.depth, index, color=shown.color, within=None if flat else within, twice=twice)
             out.hole[hole] = True
     clock += [warped, time.perf_counter()]
     stats = DrawStats(index, len(faces), len(near.faces), culled, samples, *(1e3 * np.diff(clock)).tolist())
     return replace(out, nearer=near.faces, camera=camera, stats=stats)
+
+
+def _every_level(pictures: Pictures, frame: Frame) -> npt.NDArray[np.uint32]:
+    """What a frame draws of the scene and of its coarser levels of detail, as faces of both together."""
+    ends = np.cumsum([len(pictures.scene), *(len(level) for level, _ in pictures.plan.lod)])
+    coarser = [level + np.uint32(end) for level, end in zip(frame.levels, ends, strict=False)]
+    return np.concatenate([frame.faces, *coarser]) if coarser else frame.faces
 
 
 def _geometry(
@@ -284,7 +291,7 @@ def _geometry(
     threads: int | None,
 ) -> None:
     """Draws faces on a canvas; those beyond the plane of an image, if one is given, bent to it (section 5.1.1)."""
-    scene = pictures.scene
+    scene = pictures.plan.whole if pictures.plan.lod else pictures.scene
     bent = faces[:0]
     if bend is not None:
         viewpoint = pictures.plan.viewpoints[pictures.plan.images.viewpoint[bend]]

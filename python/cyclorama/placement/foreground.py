@@ -16,7 +16,7 @@ import numpy.typing as npt
 from .. import _core
 from ..camera import Camera
 from ..scene import Scene
-from .painting import Placement
+from .painting import Placement, behind
 from .verify import cell_boxes
 
 __all__ = ["Foreground", "Nearer"]
@@ -44,13 +44,17 @@ class Foreground:
     ----------
     plan : Plan
     scene : Scene
+        The plan's, without coarser levels of detail: of several levels the finest is drawn.
     """
 
     def __init__(self, plan: Placement, scene: Scene) -> None:
         self._plan = plan
         order, starts = plan.cells()
         ends = np.append(starts, len(order)).astype(np.int64)
-        low, high = cell_boxes(order, starts, scene)
+        low, high = cell_boxes(order, starts, plan.whole)
+        self._scene = scene
+        # Cells of the scene itself: each is of one level of detail.
+        self._own = np.flatnonzero(order[starts] < len(scene))
         self._boxes = np.ascontiguousarray(low), np.ascontiguousarray(high), ends, np.ascontiguousarray(order)
         self._cell = np.empty(len(order), np.int64)
         self._cell[order] = np.repeat(np.arange(len(starts)), np.diff(ends))
@@ -59,7 +63,7 @@ class Foreground:
     def cells(self, image: int) -> npt.NDArray[np.int64]:
         """The cells that an image stands for."""
         if image not in self._behind:
-            self._behind[image] = np.unique(self._cell[self._plan.culled(image)])
+            self._behind[image] = np.unique(self._cell[behind(self._plan, self._scene, image)])
         return self._behind[image]
 
     def of(self, cells: npt.NDArray[np.int64], camera: Camera, room: int) -> Nearer:
@@ -80,6 +84,5 @@ class Foreground:
         return Nearer(*_core.nearest_cells(self._boxes, cells, gaze, max(int(room), 0)))
 
     def in_frustum(self, camera: Camera) -> int:
-        """Faces of all cells that a camera may see: what culling alone would draw."""
-        every = np.arange(len(self._boxes[0]))
-        return len(self.of(every, camera, len(self._cell)).faces)
+        """Faces of the scene in all cells that a camera may see: what culling alone would draw."""
+        return len(self.of(self._own, camera, len(self._cell)).faces)

@@ -32,7 +32,18 @@ if TYPE_CHECKING:
     from .foreground import Foreground, Nearer
     from .groups import Group
 
-__all__ = ["Lit", "Painted", "Uses", "frame_camera", "more_uses", "paint_as_paper", "paint_group", "picture", "uses"]
+__all__ = [
+    "Lit",
+    "Painted",
+    "Uses",
+    "behind",
+    "frame_camera",
+    "more_uses",
+    "paint_as_paper",
+    "paint_group",
+    "picture",
+    "uses",
+]
 
 Bytes = npt.NDArray[np.uint8]
 Floats = npt.NDArray[np.float64]
@@ -87,6 +98,8 @@ class Frame(Protocol):
     def faces(self) -> npt.NDArray[np.uint32]: ...
     @property
     def image(self) -> Image | None: ...
+    @property
+    def levels(self) -> tuple[npt.NDArray[np.uint32], ...]: ...
 
 
 class Placement(Protocol):
@@ -108,9 +121,32 @@ class Placement(Protocol):
     def images(self) -> Images: ...
     @property
     def budget(self) -> int: ...
+    @property
+    def lod(self) -> tuple[tuple[Scene, float], ...]: ...
+    @property
+    def whole(self) -> Scene: ...
     def cells(self) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.int64]]: ...
     def frame(self, eye: npt.ArrayLike, forward: npt.ArrayLike) -> Frame: ...
     def culled(self, index: int) -> npt.NDArray[np.uint32]: ...
+
+
+def behind(plan: Placement, scene: Scene, index: int) -> npt.NDArray[np.uint32]:
+    """The faces of a scene that an image of a plan stands for: of several levels of detail it shows the finest.
+
+    Parameters
+    ----------
+    plan : Plan
+    scene : Scene
+        The plan's, without coarser levels.
+    index : int
+        Of the image.
+
+    Returns
+    -------
+    (K,) ndarray of uint32
+    """
+    faces = plan.culled(index)
+    return faces[faces < len(scene)] if plan.lod else faces
 
 
 class Lit:
@@ -368,7 +404,7 @@ def paint_group(
     chosen = group.some(FRAMES)
     cameras = [frame_camera(plan, group.eyes[i], group.gazes[i], size) for i in chosen]
     nearer = [foreground.of(cells, camera, room) for camera, room in zip(cameras, group.room[chosen], strict=True)]
-    faces = plan.culled(group.image)
+    faces = behind(plan, scene, group.image)
     # What they draw as geometry is painted, too: another frame of the group may have less room for it.
     frames = [picture(scene, _wider(camera), faces, color, threads=threads) for camera in cameras]
     judges = [_Judge(*frame) for frame in zip(frames, cameras, nearer, strict=True)]
@@ -448,7 +484,7 @@ def paint_as_paper(
     distance = float(np.linalg.norm(corners.mean(axis=0) - viewpoint))
     reach = float(np.linalg.norm(group.eyes - viewpoint, axis=1).max()) if len(group.eyes) else distance
     cameras = construction_cameras(viewpoint, corners, min(reach, distance), size)
-    faces = plan.culled(group.image)
+    faces = behind(plan, scene, group.image)
     central, *others = [picture(scene, camera, faces, color, threads=threads) for camera in cameras]
     return LayeredDepthImage.build(central, others, threads=threads)
 

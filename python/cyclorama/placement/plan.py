@@ -621,7 +621,19 @@ def joined(scene: Scene, lod: Sequence[tuple[Scene, float]]) -> Scene:
     scenes = [scene, *(level for level, _ in lod)]
     starts = np.cumsum([0, *(len(s.vertices) for s in scenes[:-1])])
     faces = [s.faces.astype(np.int64) + start for s, start in zip(scenes, starts, strict=True)]
-    return Scene(np.concatenate([s.vertices.astype(np.float64) for s in scenes]), np.concatenate(faces))
+    colors = None
+    if any(s.colors is not None for s in scenes):
+        colors = np.concatenate([_face_colors(s) for s in scenes])
+    return Scene(np.concatenate([s.vertices.astype(np.float64) for s in scenes]), np.concatenate(faces), colors)
+
+
+def _face_colors(scene: Scene) -> npt.NDArray[np.uint8]:
+    """(F, 3) a colour for each face: the mean of its corners', or light grey."""
+    if scene.colors is None:
+        return np.full((len(scene), 3), 200, np.uint8)
+    if len(scene.colors) == len(scene.vertices):
+        return np.asarray(scene.colors[scene.faces].mean(axis=1).round().astype(np.uint8))
+    return scene.colors
 
 
 def levels_of(scene: Scene, lod: Sequence[tuple[Scene, float]]) -> list[tuple[int, float, float]]:

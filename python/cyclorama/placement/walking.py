@@ -25,7 +25,7 @@ from ..progress import Progress, reporter
 from ..render import BACKGROUND
 from .backdrops import Backdrops
 from .drawing import DISPLAYS, Display, Drawn, Splat
-from .painting import frame_camera
+from .painting import behind, frame_camera
 
 __all__ = ["path", "walk"]
 
@@ -174,7 +174,7 @@ def _culled(backdrops: Backdrops, drawn: Drawn, ids: npt.NDArray[np.uint32]) -> 
     if drawn.stats.image is None:
         return np.zeros(ids.shape, np.bool_)
     inside = np.zeros(len(backdrops.scene) + 1, np.bool_)
-    inside[backdrops.plan.culled(drawn.stats.image)] = True
+    inside[behind(backdrops.plan, backdrops.scene, drawn.stats.image)] = True
     return np.asarray(inside[np.where(ids == BACKGROUND, len(backdrops.scene), ids)])
 
 
