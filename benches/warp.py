@@ -12,6 +12,9 @@ picture once at the measured bandwidth of the memory; *of it* how many times as 
 returns new arrays. The 1998 dissertation warped layered images of 512 x 384 pixels 7 to 11 times a second on three
 processors (table 4-2); *x 1998* is against 11.
 
+*Layered*: the balls as a layered image of 1 + 8 views and as the central one alone, 3 x 3 splats, one thread: what a
+sample of the first costs beside a pixel of the second, after each move.
+
 *The orders*: shares of pixels that `order="occlusion"` and `order="zbuffer"` show differently, and on which the first
 shows a surface more than 5 % deeper. Of two samples of one ray the right one is shown; but samples of neighbouring rows
 share pixels where the target sees the source smaller or turned, and then the row decides. Most that differ are of one
@@ -223,6 +226,28 @@ MOVES: dict[str, tuple[tuple[float, float, float], tuple[float, float]]] = {
 }
 
 
+def layered_samples(size: tuple[int, int], rounds: int) -> list[dict[str, Any]]:
+    """What a sample of a layered image costs beside a pixel of one image, after each move."""
+    central = image(camera(size, (0, 0, 0), (0, 0)))
+    step = 0.1 * float(central.depth.mean())
+    around = [(x * step, y * step, 0.0) for x in (-1, 0, 1) for y in (-1, 0, 1) if x or y]
+    layered = cyc.LayeredDepthImage.build(central, [image(camera(size, offset, (0, 0))) for offset in around])
+    rows = []
+    for name, (offset, turn) in MOVES.items():
+        target = camera(size, offset, turn)
+        outs = [cyc.warp.Warped.empty(target) for _ in range(2)]
+        jobs: dict[str, Callable[[], object]] = {
+            "one": functools.partial(cyc.warp.forward, central, target, out=outs[0], threads=1),
+            "layered": functools.partial(layered.warp, target, out=outs[1], threads=1),
+        }
+        ms = bench.medians({job: functools.partial(calls, call) for job, call in jobs.items()}, rounds)
+        ns = [1e6 * ms["one"] / CALLS / (size[0] * size[1]), 1e6 * ms["layered"] / CALLS / layered.samples]
+        row: dict[str, Any] = {"size": f"{size[0]} x {size[1]}", "move": name}
+        row["samples a pixel"] = layered.samples / (size[0] * size[1])
+        rows.append(row | {"one, ns a pixel": ns[0], "layered, ns a sample": ns[1], "ratio": ns[1] / ns[0]})
+    return rows
+
+
 def orders(size: tuple[int, int]) -> list[dict[str, Any]]:
     rows = []
     source = image(camera(size, (0, 0, 0), (0, 0)))
@@ -280,6 +305,8 @@ def main() -> None:
     rounds, steps = (5, 5) if asked.quick else (asked.rounds, asked.steps)
     rows = [row for size in sizes(names) for row in race(size, rounds)]
     bench.show(f"Warps of one image, medians of {rounds} interleaved rounds", rows)
+    rows = [row for size in sizes(names) for row in layered_samples(size, rounds)]
+    bench.show("A layered image beside one image, 3 x 3 splats, one thread", rows)
     bench.show("The two orders, 512 x 384", orders((512, 384)))
     bench.show(f"Flicker on a walk of {steps} pictures, 256 x 192, 3 x 3 splats", flicker((256, 192), steps))
 

@@ -164,6 +164,23 @@ def test_samples_behind_the_new_eye_are_dropped_and_a_look_back_sees_nothing():
     assert layered.warp(camera_at(turn=(0, np.pi, 0))).hole.all()
 
 
+@pytest.mark.parametrize("cull", [False, "exact"])
+@pytest.mark.parametrize("order", ["occlusion", "zbuffer"])
+def test_samples_before_the_near_plane_are_as_if_they_were_not_there(order, cull):
+    rng, ahead, near = np.random.default_rng(11), 0.4, 2.0
+    camera = camera_at(width=50, height=40)
+    layered = random_layers(rng, camera)
+    # The eye moves straight ahead: of a depth only that step is taken.
+    keep = (ahead + near) * layered.disparity <= 1
+    assert 0.2 < keep.mean() < 0.8
+    pixel = np.repeat(np.arange(layered.counts.size), layered.counts.reshape(-1))
+    offsets = np.concatenate([[0], np.cumsum(np.bincount(pixel[keep], minlength=layered.counts.size))])
+    beyond = LayeredDepthImage(camera, offsets, layered.color[keep], layered.disparity[keep], layered.place[keep])
+    target = camera_at((0, 0, ahead), width=50, height=40)
+    out = layered.warp(target.replace(near=near), order=order, cull=cull)
+    assert same_picture(out, beyond.warp(target, order=order)) and not out.hole.all()
+
+
 def test_a_sky_stays_where_it_is_when_the_eye_moves():
     camera = camera_at()
     layered = LayeredDepthImage.build(

@@ -3,6 +3,7 @@
 use super::place::STEPS;
 use super::tiles::{CHUNK, Chunk, PADDING, SIDE, Tiles};
 use super::view::View;
+use crate::image::warp::canvas::Word;
 use crate::image::warp::mapping::Mapping;
 use glam::{DVec3, dvec3};
 
@@ -15,13 +16,31 @@ const BLOCK: usize = PADDING;
 /// Where a batch of samples falls.
 #[repr(align(64))]
 pub struct Fallen {
-    pub cells: [u32; BATCH],
+    /// Below `limit`.
+    cells: [u32; BATCH],
     pub nearness: [f32; BATCH],
+    /// What [`View::put`] works with.
+    pub(super) words: [Word; BATCH],
+    /// Cells of the window that was projected to.
+    limit: usize,
 }
 
 impl Default for Fallen {
     fn default() -> Self {
-        Self { cells: [0; BATCH], nearness: [0.0; BATCH] }
+        Self { cells: [0; BATCH], nearness: [0.0; BATCH], words: [0; BATCH], limit: 1 }
+    }
+}
+
+impl Fallen {
+    #[inline(always)]
+    pub fn cells(&self) -> &[u32; BATCH] {
+        &self.cells
+    }
+
+    /// No cell is as large.
+    #[inline(always)]
+    pub fn limit(&self) -> usize {
+        self.limit
     }
 }
 
@@ -60,6 +79,8 @@ pub struct Reach {
     pub columns: [usize; 2],
     pub rows: [usize; 2],
     pub nearness: f32,
+    /// All of the samples are before the eye, by far more than rounding, and none is before the near plane.
+    pub seen: bool,
 }
 
 impl<'a> TileMap<'a> {
@@ -83,16 +104,19 @@ impl<'a> TileMap<'a> {
         }
     }
 
-    /// Maps samples to cells of a window; `nowhere` is the cell of those that fall on none.
+    /// Maps samples to cells of a window, of which the first row's end is that of those that fall on none. `SEEN` of
+    /// samples that [`Reach::seen`] holds for: none needs to be asked.
     #[inline(always)]
-    pub fn project(
+    pub fn project<const SEEN: bool>(
         &self,
         tiles: &Tiles,
         samples: std::ops::Range<usize>,
         window: &View<'_>,
         fallen: &mut Fallen,
     ) {
-        assert!(samples.len() <= BATCH);
+        // The cell beside the first row is there.
+        assert!(samples.len() <= BATCH && window.rows() > 0);
+        fallen.limit = window.rows() * (window.width + 1);
         // Whole blocks: what follows the samples is mapped in vain, but without a loop over the last ones.
         let padded = samples.start..samples.start + samples.len().next_multiple_of(BLOCK);
         let (xs, ys) = (&tiles.x[padded.clone()], &tiles.y[padded.clone()]);
@@ -105,7 +129,7 @@ impl<'a> TileMap<'a> {
         let (width, first) = (window.width as f32, window.top as i32);
         let (top, bottom) = (window.top as f32, (window.top + window.rows()) as f32);
         let (stride, nowhere) = (window.width as i32 + 1, window.width as i32);
-        let mut doubtful = 0;
+        let mut doubtful = [0; BLOCK];
         let blocks = xs
             .as_chunks::<BLOCK>()
             .0
@@ -125,18 +149,20 @@ impl<'a> TileMap<'a> {
                 let r = 1.0 / w;
                 let u = (((x0 + x * x1) + y * x2) + d * x3) * r;
                 let v = (((y0 + x * y1) + y * y2) + d * y3) * r;
-                let inside =
-                    (w > 0.0) & (w >= near * d) & (u >= 0.0) & (u < width) & (v >= top) & (v < bottom);
+                let seen = SEEN | ((w > 0.0) & (w >= near * d));
+                let inside = seen & (u >= 0.0) & (u < width) & (v >= top) & (v < bottom);
                 let (column, line) = (if inside { u } else { 0.0 }, if inside { v } else { 0.0 });
                 // SAFETY: both lie within an image, whose sides are well below 2^31.
                 let (column, line) =
                     unsafe { (column.to_int_unchecked::<i32>(), line.to_int_unchecked::<i32>()) };
                 cells[i] = if inside { (line - first) * stride + column } else { nowhere } as u32;
                 nearness[i] = d * r;
-                doubtful |= i32::from(w.abs() <= self.doubt + d * rounding);
+                if !SEEN {
+                    doubtful[i] |= i32::from(w.abs() <= self.doubt + d * rounding);
+                }
             }
         }
-        if doubtful != 0 {
+        if doubtful.iter().any(|&doubtful| doubtful != 0) {
             self.decide([xs, ys], disparities, window, fallen);
         }
     }
@@ -210,6 +236,8 @@ impl<'a> TileMap<'a> {
             columns: [left.max(0.0) as usize, right.min(width - 1.0) as usize],
             rows: [upper.max(top) as usize - window.top, lower.min(bottom - 1.0) as usize - window.top],
             nearness: most * (1.0 + 2.0 * error[2] + ROUNDING as f32),
+            // A hundredth of the least is above any rounding of it, and so of what `doubt` allows for.
+            seen: 0.98 * nearest >= self.near * d1,
         })
     }
 }

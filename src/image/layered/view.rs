@@ -1,6 +1,6 @@
 //! Rows of a canvas while samples are drawn in them.
 
-use super::tile_map::{Fallen, TileMap};
+use super::tile_map::{BATCH, Fallen, TileMap};
 use super::tiles::Tiles;
 use crate::image::warp::canvas::{Word, word};
 
@@ -52,7 +52,8 @@ impl View<'_> {
         self.words.len() / (self.width + 1)
     }
 
-    /// Draws samples, up to a batch of them: in turn, or the last first.
+    /// Draws samples, up to a batch of them: in turn, or the last first. `seen`: [`Reach::seen`](super::tile_map::Reach) of
+    /// them.
     #[inline(always)]
     pub fn put<R: Rule>(
         &mut self,
@@ -61,14 +62,41 @@ impl View<'_> {
         samples: std::ops::Range<usize>,
         fallen: &mut Fallen,
         backward: bool,
+        seen: bool,
     ) {
-        map.project(tiles, samples.clone(), self, fallen);
+        if seen {
+            map.project::<true>(tiles, samples.clone(), self, fallen);
+        } else {
+            map.project::<false>(tiles, samples.clone(), self, fallen);
+        }
         let payload = &tiles.payload[samples];
         let count = payload.len();
-        for i in 0..count {
-            let i = if backward { count - 1 - i } else { i };
-            let new = word(fallen.nearness[i], payload[i]);
-            let at = &mut self.words[fallen.cells[i] as usize];
+        assert!(count <= BATCH && fallen.limit() <= self.words.len());
+        for ((word, &nearness), &payload) in fallen.words.iter_mut().zip(&fallen.nearness).zip(payload) {
+            *word = self::word(nearness, payload);
+        }
+        if backward {
+            for i in (0..count).rev() {
+                // SAFETY: `i` is below the count, which is at most BATCH; cells are below their limit, which is at most
+                // what there is.
+                unsafe { self.put_one::<R>(fallen, i) };
+            }
+        } else {
+            for i in 0..count {
+                // SAFETY: as above.
+                unsafe { self.put_one::<R>(fallen, i) };
+            }
+        }
+    }
+
+    /// # Safety
+    /// `sample` is below BATCH, and its cell has a word.
+    #[inline(always)]
+    unsafe fn put_one<R: Rule>(&mut self, fallen: &Fallen, sample: usize) {
+        // SAFETY: what the caller promises.
+        unsafe {
+            let new = *fallen.words.get_unchecked(sample);
+            let at = self.words.get_unchecked_mut(*fallen.cells().get_unchecked(sample) as usize);
             *at = R::shown(*at, new);
         }
     }

@@ -14,7 +14,7 @@ use super::cracks::open_cracks;
 use super::hidden::Covered;
 use super::tile_map::{BATCH, Fallen, Place, TileMap};
 use super::tiles::{Chunk, SIDE, Tiles, order};
-use super::view::{First, Last, Nearer, View};
+use super::view::{First, Last, Nearer, Rule, View};
 use crate::camera::Camera;
 use crate::control::Control;
 use crate::error::Error;
@@ -162,9 +162,9 @@ impl Kernel for Claim<'_> {
             for column in 0..tiles.columns {
                 let map = TileMap::new(mapping, column, row);
                 for chunk in &tiles.chunks[tiles.of_tile(column, row)] {
-                    map.project(tiles, chunk.samples(), &window, &mut fallen);
+                    map.project::<false>(tiles, chunk.samples(), &window, &mut fallen);
                     for (i, at) in chunk.samples().enumerate() {
-                        let cell = fallen.cells[i] as usize;
+                        let cell = fallen.cells()[i] as usize;
                         let shown = cell != window.width
                             && window.words[cell] == word(fallen.nearness[i], tiles.payload[at]);
                         if shown {
@@ -294,28 +294,15 @@ impl Plan<'_> {
         fallen: &mut Fallen,
     ) {
         let whole = self.whole(&chunks);
-        if let Place::Outside = map.place(self.tiles, &whole, window) {
-            return;
-        }
+        let seen = match map.place(self.tiles, &whole, window) {
+            Place::Outside => return,
+            Place::Within(reach) => reach.seen,
+            Place::Anywhere => false,
+        };
         let Range { start, end } = whole.samples();
         let behind = self.behind(start..end);
-        let mut at = start;
-        while at < behind {
-            let next = (at + BATCH).min(behind);
-            match self.manner.order {
-                Order::Depth => window.put::<Nearer>(map, self.tiles, at..next, fallen, false),
-                Order::Occlusion => window.put::<Last>(map, self.tiles, at..next, fallen, false),
-            }
-            at = next;
-        }
-        let mut at = end;
-        while at > behind {
-            let next = at.saturating_sub(BATCH).max(behind);
-            match self.manner.order {
-                Order::Depth => window.put::<Nearer>(map, self.tiles, next..at, fallen, true),
-                Order::Occlusion => window.put::<Last>(map, self.tiles, next..at, fallen, true),
-            }
-            at = next;
+        for (samples, backward) in [(start..behind, false), (behind..end, true)] {
+            self.put::<Last>(map, samples, window, fallen, backward, seen);
         }
     }
 
@@ -329,10 +316,11 @@ impl Plan<'_> {
     #[inline(always)]
     fn behind(&self, samples: std::ops::Range<usize>) -> usize {
         let z = self.mapping.epipole.z;
-        if z <= 0.0 {
+        let disparities = &self.tiles.disparities[samples.clone()];
+        // Most tiles have none: one look at the nearest tells.
+        if disparities.last().is_none_or(|&d| f64::from(d) * z <= 1.0) {
             return samples.end;
         }
-        let disparities = &self.tiles.disparities[samples.clone()];
         samples.start + disparities.partition_point(|&d| f64::from(d) * z <= 1.0)
     }
 
@@ -352,16 +340,17 @@ impl Plan<'_> {
         let mark = |fates: &[AtomicU8], fate: u8| {
             fates.iter().for_each(|of| _ = of.fetch_max(fate, Ordering::Relaxed));
         };
-        if let Some(fate) = self.left_out(map, &whole, window, covered) {
-            return mark(fates, fate);
-        }
+        let seen = match self.left_out(map, &whole, window, covered) {
+            Ok(seen) => seen,
+            Err(fate) => return mark(fates, fate),
+        };
         let behind = self.behind(whole.samples());
         if behind < whole.end as usize {
             for (chunk, fate) in all.iter().zip(fates).filter(|(chunk, _)| chunk.end as usize > behind) {
                 let part = Chunk { start: chunk.start.max(behind as u32), ..*chunk };
-                let why = self.left_out(map, &part, window, covered);
+                let why = self.left_out(map, &part, window, covered).err();
                 if why.is_none() {
-                    self.put(map, part.samples(), window, fallen, false);
+                    self.put::<First>(map, part.samples(), window, fallen, false, seen);
                 }
                 fate.fetch_max(why.unwrap_or(DRAWN), Ordering::Relaxed);
             }
@@ -376,32 +365,33 @@ impl Plan<'_> {
                 mark(&fates[left..=left], DRAWN);
                 asks = left == 0 || run - chunk.start >= SURFACE;
                 if asks {
-                    self.put(map, chunk.start as usize..run as usize, window, fallen, true);
+                    self.put::<First>(map, chunk.start as usize..run as usize, window, fallen, true, seen);
                 }
                 continue;
             }
-            let why = self.left_out(map, &chunk, window, covered);
+            let why = self.left_out(map, &chunk, window, covered).err();
             mark(&fates[left..=left], why.unwrap_or(DRAWN));
             if why.is_none() {
-                self.put(map, chunk.samples(), window, fallen, true);
+                self.put::<First>(map, chunk.samples(), window, fallen, true, seen);
             } else if left > 0
                 && let rest = all[left - 1].and_before(whole.start)
-                && let Some(fate) = self.left_out(map, &rest, window, covered)
+                && let Err(fate) = self.left_out(map, &rest, window, covered)
             {
                 return mark(&fates[..left], fate);
             }
         }
     }
 
-    /// Draws samples front to back: in turn, or the last first.
+    /// Draws samples of a tile: in turn, or the last first. In occlusion-compatible order `R` says which is shown.
     #[inline(always)]
-    fn put(
+    fn put<R: Rule>(
         &self,
         map: &TileMap<'_>,
         samples: Range<usize>,
         window: &mut View<'_>,
         fallen: &mut Fallen,
         backward: bool,
+        seen: bool,
     ) {
         let Range { mut start, mut end } = samples;
         while start < end {
@@ -411,14 +401,14 @@ impl Plan<'_> {
                 start..end.min(start + BATCH)
             };
             match self.manner.order {
-                Order::Depth => window.put::<Nearer>(map, self.tiles, part.clone(), fallen, backward),
-                Order::Occlusion => window.put::<First>(map, self.tiles, part.clone(), fallen, backward),
+                Order::Depth => window.put::<Nearer>(map, self.tiles, part.clone(), fallen, backward, seen),
+                Order::Occlusion => window.put::<R>(map, self.tiles, part.clone(), fallen, backward, seen),
             }
             if backward { end = part.start } else { start = part.end }
         }
     }
 
-    /// Why samples need not be drawn, if they need not.
+    /// Whether samples are known to be seen ([`Reach::seen`](super::tile_map::Reach::seen)), or why they need not be drawn.
     #[inline(always)]
     fn left_out(
         &self,
@@ -426,15 +416,21 @@ impl Plan<'_> {
         chunk: &Chunk,
         window: &View<'_>,
         covered: &mut Covered,
-    ) -> Option<u8> {
+    ) -> Result<bool, u8> {
         let mut hides = |reach| match self.manner.order {
             Order::Depth => window.hides(reach, self.size, self.manner.radius > 0),
             Order::Occlusion => covered.covers(window, reach),
         };
         match map.place(self.tiles, chunk, window) {
-            Place::Outside => Some(OUTSIDE),
-            Place::Within(reach) => hides(&reach).then_some(HIDDEN),
-            Place::Anywhere => None,
+            Place::Outside => Err(OUTSIDE),
+            Place::Within(reach) => {
+                if hides(&reach) {
+                    Err(HIDDEN)
+                } else {
+                    Ok(reach.seen)
+                }
+            }
+            Place::Anywhere => Ok(false),
         }
     }
 }
