@@ -226,6 +226,16 @@ class LayeredDepthImage:
             None if normals is None else _own(_integers("normals", normals, (count,), 0, 2**16 - 1).astype(np.uint16))
         )
 
+    def __getstate__(self) -> dict[str, Any]:
+        """What copies and other processes make the same image of: arrays in the place of the kernel's memory."""
+        arrays = self.offsets, self.color, self.disparity, self.place
+        return {name: value for name, value in self.__dict__.items() if name != "_kernel"} | {"_arrays": arrays}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        arrays = state.pop("_arrays")
+        self.__dict__.update(state)
+        self._kernel = _core.Layered(stack(self.camera), *(np.ascontiguousarray(array) for array in arrays))
+
     @classmethod
     def _of(cls, kernel: _core.Layered, camera: Camera) -> LayeredDepthImage:
         image = cls.__new__(cls)

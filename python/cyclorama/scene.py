@@ -76,6 +76,10 @@ class Scene:
         if not _LEAST_SIZE <= size <= _MOST_SIZE:
             raise ValueError(f"vertices span {size:.3g}: sizes from {_LEAST_SIZE:g} to {_MOST_SIZE:g} can be measured")
 
+    def __reduce__(self) -> tuple[object, ...]:
+        """Copies and other processes make the same scene of its arrays."""
+        return _restore, (self.vertices, self.faces, self.colors, self.transparent, self.parts)
+
     def __len__(self) -> int:
         """Number of faces."""
         return len(self.faces)
@@ -215,6 +219,16 @@ class Scene:
             threads=threads,
             progress=progress,
         )
+
+
+def _restore(
+    vertices: npt.NDArray[np.floating],
+    faces: npt.NDArray[np.uint32],
+    colors: npt.NDArray[np.uint8] | None,
+    transparent: npt.NDArray[np.bool_] | None,
+    parts: tuple[Part, ...],
+) -> Scene:
+    return Scene(vertices, faces, colors, transparent=transparent, parts=parts)
 
 
 def _own(array: npt.NDArray[Any], dtype: npt.DTypeLike) -> npt.NDArray[Any]:

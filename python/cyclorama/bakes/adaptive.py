@@ -26,6 +26,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import bitfield, sphere
+from ..executors import Team
 from ..fingerprint import fingerprint
 from ..framing import Framing
 from ..progress import Progress, reporter
@@ -83,6 +84,7 @@ def bake_within(
     seed: int,
     threads: int | None,
     progress: Progress,
+    team: Team | None,
 ) -> Visibility:
     """`cyclorama.bake` with ``max_missed=``."""
     from .baking import mean_scores, patch_labels, shell_of, view_points
@@ -92,9 +94,9 @@ def bake_within(
     start = min(views, FIRST_VIEWS) if isinstance(views, int | np.integer) else views
     points, faces, _ = view_points(scene, start)
     with reporter(progress, MOST_VIEWS + 4 * MOST_VIEWS * probes, "views") as report:
-        looker = Looker(scene, framing, 1.0, fill, threads)
+        looker = Looker(scene, framing, 1.0, fill, threads, team=team)
         chosen = _resolution(looker, points, max_missed)
-        sampler = Looker(scene, chosen, 1.0, fill, threads)
+        sampler = Looker(scene, chosen, 1.0, fill, threads, team=team)
         sampler.report, looker.report = (lambda done, other=o: report(done + other.done) for o in (looker, sampler))
         refined = _Refinement(sampler, looker, points, faces, max_missed, probes, strategy, seed)
         refined.run()
@@ -128,7 +130,7 @@ def _resolution(looker: Looker, points: Floats, max_missed: float) -> Framing:
     width, height = looker.framing.resolution
     for factor in (0.5, 1.0):
         framing = looker.framing.with_resolution((max(1, round(width * factor)), max(1, round(height * factor))))
-        seen = Looker(looker.scene, framing, 1.0, looker.fill, looker.threads).see(directions)
+        seen = Looker(looker.scene, framing, 1.0, looker.fill, looker.threads, team=looker.team).see(directions)
         if looker.probe(directions, seen, rows)[1].mean() <= RESOLUTION_SHARE * max_missed:
             return framing
     return looker.framing.with_resolution((2 * width, 2 * height))
@@ -310,7 +312,7 @@ class _Proof:
         width, height = looker.framing.resolution
         scale = min(1.0, _PROOF_HEIGHT / height)
         framing = looker.framing.with_resolution((max(1, round(width * scale)), max(1, round(height * scale))))
-        self.looker = Looker(looker.scene, framing, 1.0, None, looker.threads, looker.done, looker.report)
+        self.looker = Looker(looker.scene, framing, 1.0, None, looker.threads, looker.done, looker.report, looker.team)
         self.view_sphere, self.cells, self.labels = view_sphere, Cells(rows), labels
         self.max_missed, self.seed = max_missed, seed
 

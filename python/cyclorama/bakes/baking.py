@@ -16,6 +16,7 @@ import numpy.typing as npt
 from .. import patches, sphere
 from ..bitfield import Bitfields
 from ..camera import Camera
+from ..executors import Executor, Team
 from ..fingerprint import fingerprint
 from ..framing import Framing, unit_directions
 from ..progress import Progress, reporter
@@ -51,6 +52,7 @@ def bake(
     seed: int = 0,
     part: tuple[int, int] = (0, 1),
     threads: int | None = None,
+    executor: Executor | None = None,
 ) -> Visibility:
     """Finds out what of a scene can be seen from any direction around it.
 
@@ -96,7 +98,10 @@ def bake(
         Which of how many parts of the view sphere's faces get probes: (0, 3), (1, 3) and (2, 3) on three machines,
         joined by `merge`. The others answer what their corners see.
     threads : int, optional
-        All cores by default. The answer does not depend on it.
+        All cores by default; with an executor, one for each task. The answer does not depend on it.
+    executor : Executor, optional
+        Takes the views: any in the style of `concurrent.futures`, or a Dask client; see `cyclorama.executors`. The
+        answer does not depend on it.
 
     Returns
     -------
@@ -120,13 +125,14 @@ def bake(
         raise ValueError(f"scene must be a Scene, got {type(scene).__name__}: cyclorama.load makes one")
     framing = Framing.of(scene, resolution, fov_y)
     shells_at = _distances(framing, distances)
+    team = None if executor is None else Team(executor, scene)
     if max_missed is not None:
         from . import adaptive
 
         if join != "cells" or shells_at != [1.0] or part != (0, 1) or _shots(views) is not None:
             raise ValueError("max_missed= needs join='cells', no distances=, part= or cameras: it places views itself")
         return adaptive.bake_within(
-            scene, max_missed, views, patches, framing, fill, probes, strategy, seed, threads, progress
+            scene, max_missed, views, patches, framing, fill, probes, strategy, seed, threads, progress, team
         )
     points, faces, shots = view_points(scene, views)
     labels = patch_labels(scene, patches)
@@ -136,7 +142,7 @@ def bake(
     spent = np.zeros(len(faces), dtype=np.int64)
     scores: list[tuple[int, Floats]] = []
     shells = []
-    looker = Looker(scene, framing, 1.0, fill, threads)
+    looker = Looker(scene, framing, 1.0, fill, threads, team=team)
     with reporter(progress, total, "views") as report:
         looker.report = report
         for distance in shells_at:

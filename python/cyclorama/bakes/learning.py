@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from .. import _core
 from ..camera import Camera, CameraArrays
+from ..executors import Team
 from ..framing import Framing
 from ..render import Fill
 from ..scene import Scene
@@ -31,6 +33,9 @@ TOLERANCE = 5e-6
 #: Bytes of rows that one call to the kernel fills, and that an archive holds.
 _BATCH_BYTES, _ARCHIVE_BYTES = 1 << 26, 1 << 29
 
+#: Views of a task that is done elsewhere, at most: some tenths of a second.
+_TASK = 16
+
 
 @dataclass
 class Looker:
@@ -47,7 +52,9 @@ class Looker:
     fill : {"rays", "neighbours", None}
         How visible faces that own no pixel are found; see `Scene.visible`.
     threads : int or None
-        All cores by default.
+        All cores by default; with a team one for each task.
+    team : Team or None
+        Takes the views, with the scene as what all tasks need; by default this process does.
     """
 
     scene: Scene
@@ -57,6 +64,7 @@ class Looker:
     threads: int | None = None
     done: int = 0
     report: Callable[[int], object] = lambda done: None
+    team: Team | None = None
 
     @property
     def width(self) -> int:
@@ -74,9 +82,18 @@ class Looker:
 
     def see_cameras(self, cameras: list[Camera]) -> Words:
         """(N, W) rows of what these cameras see."""
-        found = self.scene.visible(cameras, self.fill, threads=self.threads, progress=self._progress())
-        self.done += len(cameras)
-        return found.words
+        if self.team is None:
+            found = self.scene.visible(cameras, self.fill, threads=self.threads, progress=self._progress())
+            self.done += len(cameras)
+            return found.words
+        words = np.empty((len(cameras), self.width), dtype=np.uint64)
+        parts = self._parts(len(cameras))
+        tasks = ((cameras[part], self.fill, self.threads or 1) for part in parts)
+        for part, rows in zip(parts, self.team.run(_see, tasks), strict=True):
+            words[part] = rows
+            self.done += len(rows)
+            self.report(self.done)
+        return words
 
     def probe(
         self,
@@ -110,6 +127,8 @@ class Looker:
         missed : (P,) ndarray of float64
             Share of covered pixels whose face is not in the row.
         """
+        if self.team is not None:
+            return self._probe_elsewhere(directions, rows, row_of, labels, fill)
         cameras = self.framing.arrays(directions, self.distance)
         seen, missed = probe(self.scene, cameras, rows, row_of, labels, threads=self.threads, progress=self._progress())
         if fill is not None and labels is None:
@@ -125,9 +144,54 @@ class Looker:
         self.done += len(directions)
         return seen, missed
 
+    def _probe_elsewhere(
+        self, directions: Floats, rows: Words, row_of: Ints, labels: npt.NDArray[np.uint32] | None, fill: Fill
+    ) -> tuple[Words, Floats]:
+        assert self.team is not None
+        seen, missed = np.empty((len(row_of), rows.shape[1]), dtype=np.uint64), np.empty(len(row_of))
+        parts = self._parts(len(row_of))
+        how = self.framing, self.distance, labels, fill, self.threads or 1
+
+        def tasks() -> Iterator[tuple[Any, ...]]:
+            for part in parts:
+                # Of all rows only those that are asked.
+                own, within = np.unique(row_of[part], return_inverse=True)
+                yield directions[part], rows[own], within.astype(np.int64), *how
+
+        for part, (found, lacking) in zip(parts, self.team.run(_probe, tasks()), strict=True):
+            seen[part], missed[part] = found, lacking
+            self.done += len(lacking)
+            self.report(self.done)
+        return seen, missed
+
+    def _parts(self, count: int) -> list[slice]:
+        """Views of a task: so few that its rows are a fraction of a batch."""
+        step = min(_TASK, self.batch // 4)
+        return [slice(start, min(start + step, count)) for start in range(0, count, step)]
+
     def _progress(self) -> Callable[[int], object]:
         before = self.done
         return lambda done: self.report(before + done)
+
+
+def _see(scene: Scene, cameras: list[Camera], fill: Fill, threads: int) -> Words:
+    """A task: rows of what some cameras see."""
+    return Looker(scene, Framing.of(scene), 1.0, fill, threads).see_cameras(cameras)
+
+
+def _probe(
+    scene: Scene,
+    directions: Floats,
+    rows: Words,
+    row_of: Ints,
+    framing: Framing,
+    distance: float,
+    labels: npt.NDArray[np.uint32] | None,
+    fill: Fill,
+    threads: int,
+) -> tuple[Words, Floats]:
+    """A task: what rows miss of some views."""
+    return Looker(scene, framing, distance, None, threads).probe(directions, rows, row_of, labels, fill=fill)
 
 
 def probe(

@@ -10,8 +10,10 @@ import hashlib
 import math
 import os
 import threading
-from collections.abc import Iterator
+from collections import Counter, deque
+from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -19,13 +21,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..executors import Executor, Team
 from ..fingerprint import fingerprint
 from ..ldi import LayeredDepthImage
 from ..progress import Progress, reporter
 from ..scene import Scene
 from .drawing import Display, Drawn, Pictures, Splat, draw
 from .foreground import Foreground
-from .groups import Group, Groups, place
+from .groups import Group, Groups, filled, place
 from .notes import Notes
 from .painting import FRAMES, Coloring, Lit, Painted, Placement, Uses, Where, paint_as_paper, paint_group, uses
 from .store import Store, size_of
@@ -153,6 +156,9 @@ class Backdrops:
         self.store = Store(LayeredDepthImage.load, size_of, folder, count, identity, memory=memory)
         self.notes = Notes(Path(folder))
         self.foreground = Foreground(plan, scene)
+        self._painter = _Painter(
+            plan, scene, self.foreground, eyes, self._size, where, self._construction, self._max_holes, self.color
+        )
         self.pictures = Pictures(plan, scene, self._size, self.color, self.image, self.foreground if spend else None)
 
     @cached_property
@@ -171,20 +177,7 @@ class Backdrops:
 
     def make(self, group: Group, threads: int | None = None) -> Painted:
         """Paints a group's layered image, and keeps it nowhere."""
-        if self._where == "paper" or not len(group.eyes):
-            image = paint_as_paper(self.plan, self.scene, group, size=self._size, color=self.color, threads=threads)
-            return Painted(image, math.nan, math.nan, 0)
-        return paint_group(
-            self.plan,
-            self.scene,
-            self.groups.filled(group, 2 * FRAMES),
-            self.foreground,
-            size=self._size,
-            construction=self._construction,
-            max_holes=self._max_holes,
-            color=self.color,
-            threads=threads,
-        )
+        return self._painter.make(group, threads)
 
     def image(self, index: int, eye: npt.ArrayLike, gaze: npt.ArrayLike) -> LayeredDepthImage:
         """The layered image of a placement for a frame.
@@ -217,20 +210,28 @@ class Backdrops:
 
     def _settle(self, group: Group, threads: int | None) -> None:
         """Paints a group's image, or finds that its halves have images instead."""
-        key, groups = self.key(group), self.groups
+        key = self.key(group)
         note = self.notes.get(key)
         if self.store.has(key) or (note is not None and note["divided"]):
             return
-        if self._where == "paper" or group.spread <= self._spread or not groups.can_divide(group):
-            painted = self.make(group, threads)
-            limit = self._max_error
-            if limit is None or not painted.error > limit or not groups.can_divide(group):
-                found = {"error": painted.error, "holes": painted.holes, "judges": painted.judges}
-                self.notes.put(key, {"divided": False, "center": self._center(group), **found})
-                self.store.put(key, painted.image)
-                return
-        halves = [groups.group(group.image, 2 * group.node + half).middle.tolist() for half in (0, 1)]
+        self._conclude(group, self.make(group, threads) if self._is_small(group) else None)
+
+    def _is_small(self, group: Group) -> bool:
+        """Whether one image may serve a group."""
+        return self._where == "paper" or group.spread <= self._spread or not self.groups.can_divide(group)
+
+    def _conclude(self, group: Group, painted: Painted | None) -> list[int]:
+        """Keeps a group's image if it is good enough, else notes its halves, and returns their keys."""
+        key, groups, limit = self.key(group), self.groups, self._max_error
+        if painted is not None and (limit is None or not painted.error > limit or not groups.can_divide(group)):
+            found = {"error": painted.error, "holes": painted.holes, "judges": painted.judges}
+            self.notes.put(key, {"divided": False, "center": self._center(group), **found})
+            self.store.put(key, painted.image)
+            return []
+        parts = [groups.group(group.image, 2 * group.node + half) for half in (0, 1)]
+        halves = [half.middle.tolist() for half in parts]
         self.notes.put(key, {"divided": True, "scale": group.scale, "halves": halves})
+        return [self.key(half) for half in parts]
 
     def leaves(self, index: int) -> list[int]:
         """The images of a placement, by key: those that are there, and those that are to be painted."""
@@ -264,13 +265,16 @@ class Backdrops:
         notes = {key: self.notes.get(key) for key in keys}
         return {key: note["error"] for key, note in notes.items() if note and note.get("error", 0) > self._max_error}
 
-    def paint(self, *, threads: int | None = None, progress: Progress = None) -> int:
+    def paint(self, *, threads: int | None = None, executor: Executor | None = None, progress: Progress = None) -> int:
         """Paints the images that are not there yet, those of a placement with one thread.
 
         Parameters
         ----------
         threads : int, optional
             Placements painted at a time; all cores by default. The images don't depend on it.
+        executor : Executor, optional
+            Paints the images in the place of threads; see `cyclorama.executors`. It gets plan and scene, and this
+            process writes what comes back into the folder, image by image. A `color` of one's own has to be picklable.
         progress : bool or callable, optional
             One unit is a placement; a bar by default, where somebody watches.
 
@@ -290,6 +294,10 @@ class Backdrops:
             while left := self.store.missing(self.leaves(index)):
                 self._settle(self._group(left[0]), 1)
 
+        if executor is not None:
+            with reporter(progress, len(self.plan.images), "painting") as report:
+                self._paint_elsewhere(Team(executor, self._painter), todo, lambda more: report(done + more))
+            return len(todo)
         with reporter(progress, len(self.plan.images), "painting") as report:
             pool = ThreadPoolExecutor(workers)
             try:
@@ -300,6 +308,32 @@ class Backdrops:
             finally:
                 pool.shutdown(cancel_futures=True)
         return len(todo)
+
+    def _paint_elsewhere(self, team: Team, todo: list[int], report: Callable[[int], object]) -> None:
+        keys = deque(key for index in todo for key in self.store.missing(self.leaves(index)))
+        left = Counter(key % len(self.plan.images) for key in keys)
+        under_way: deque[Group] = deque()
+
+        def conclude(group: Group, painted: Painted | None) -> None:
+            halves = self._conclude(group, painted)
+            keys.extendleft(reversed(halves))
+            left[group.image] += len(halves) - 1
+            report(sum(1 for index in todo if left[index] == 0))
+
+        def following() -> Iterator[tuple[Group]]:
+            while keys:
+                group = self._group(keys.popleft())
+                if self._is_small(group):
+                    under_way.append(group)
+                    yield (group,)
+                else:
+                    conclude(group, None)
+
+        report(0)
+        # The last results may bring more.
+        while keys:
+            for painted in team.run(_paint, following()):
+                conclude(under_way.popleft(), painted)
 
     def prefetch(self, eye: npt.ArrayLike) -> None:
         """Loads the images used nearest to an eye, on a background thread, as many as memory holds.
@@ -384,6 +418,43 @@ class Backdrops:
     def close(self) -> None:
         """Ends the background thread."""
         self.store.close()
+
+
+@dataclass(frozen=True, eq=False)
+class _Painter:
+    """All that painting an image takes."""
+
+    plan: Placement
+    scene: Scene
+    foreground: Foreground
+    region: npt.NDArray[np.float64]
+    size: tuple[int, int]
+    where: Where
+    construction: int
+    max_holes: float
+    color: Coloring
+
+    def make(self, group: Group, threads: int | None) -> Painted:
+        """Paints a group's layered image."""
+        if self.where == "paper" or not len(group.eyes):
+            image = paint_as_paper(self.plan, self.scene, group, size=self.size, color=self.color, threads=threads)
+            return Painted(image, math.nan, math.nan, 0)
+        return paint_group(
+            self.plan,
+            self.scene,
+            filled(group, self.plan, self.region, 2 * FRAMES),
+            self.foreground,
+            size=self.size,
+            construction=self.construction,
+            max_holes=self.max_holes,
+            color=self.color,
+            threads=threads,
+        )
+
+
+def _paint(painter: _Painter, group: Group) -> Painted:
+    """A task: a group's layered image."""
+    return painter.make(group, 1)
 
 
 def _completed(pool: ThreadPoolExecutor, job: Any, items: list[int], ahead: int) -> Iterator[Any]:

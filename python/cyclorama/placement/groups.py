@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from .painting import Placement, Uses, more_uses
 
-__all__ = ["Group", "Groups", "place"]
+__all__ = ["Group", "Groups", "filled", "place"]
 
 Floats = npt.NDArray[np.float64]
 
@@ -85,6 +85,19 @@ class Group:
         return np.array(chosen)
 
 
+def filled(group: Group, plan: Placement, region: Floats, count: int) -> Group:
+    """A group with more frames, found among those it has, until it has so many or no more are found."""
+    if not 0 < len(group.eyes) < count:
+        return group
+    more = more_uses(plan, group.image, group.eyes, group.gazes, region, count - len(group.eyes))
+    return replace(
+        group,
+        eyes=np.concatenate([group.eyes, more.eyes]),
+        gazes=np.concatenate([group.gazes, more.gazes]),
+        room=np.concatenate([group.room, more.room]),
+    )
+
+
 def place(eyes: npt.ArrayLike, gazes: npt.ArrayLike, scale: float) -> Floats:
     """Frames as points, (..., 6); see `Group.places`."""
     ahead = np.asarray(gazes, np.float64)
@@ -131,19 +144,8 @@ class Groups:
     def _all(self, image: int) -> Group:
         own, found = self._found.of(image), self._found
         eyes = found.eyes[own]
-        return self.filled(Group(image, 1, eyes, found.gazes[own], found.room[own], self._scale(image, eyes)), _KNOWN)
-
-    def filled(self, group: Group, count: int) -> Group:
-        """A group with more frames, found among those it has, until it has so many or no more are found."""
-        if not 0 < len(group.eyes) < count:
-            return group
-        more = more_uses(self._plan, group.image, group.eyes, group.gazes, self._region, count - len(group.eyes))
-        return replace(
-            group,
-            eyes=np.concatenate([group.eyes, more.eyes]),
-            gazes=np.concatenate([group.gazes, more.gazes]),
-            room=np.concatenate([group.room, more.room]),
-        )
+        group = Group(image, 1, eyes, found.gazes[own], found.room[own], self._scale(image, eyes))
+        return filled(group, self._plan, self._region, _KNOWN)
 
     def _scale(self, image: int, eyes: Floats) -> float:
         corners, forward = self._plan.images.corners[image], self._plan.images.forward[image]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from .. import _core
 from ..archives import read_archive, write_archive
+from ..executors import Executor
 from ..fingerprint import fingerprint
 from ..progress import Progress, reporter
 from ..scene import Scene
@@ -194,6 +195,17 @@ class Plan:
             f"<Plan: {len(self.scene):,} faces, at most {self.budget:,} a frame by {len(self.images):,} images from "
             f"{len(self.viewpoints):,} viewpoints>"
         )
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What other processes make the same plan of: not what kernels own, or what was painted here."""
+        return {
+            entry.name: getattr(self, entry.name) for entry in fields(self) if entry.name not in ("_cells", "_painted")
+        }
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self.__dict__["_cells"] = cells_of(self.scene, self.leaf_depth, self.lod, self.sight)
+        self.__dict__["_painted"] = []
 
     @property
     def tangents(self) -> tuple[float, float]:
@@ -466,6 +478,7 @@ class Plan:
         folder: str | os.PathLike[str] = "backdrops",
         *,
         on_demand: bool = False,
+        executor: Executor | None = None,
         progress: Progress = None,
         **options: Any,
     ) -> Backdrops:
@@ -481,6 +494,8 @@ class Plan:
             Images that are there already are kept.
         on_demand : bool
             Paint nothing yet, but each image when it is first needed.
+        executor : Executor, optional
+            Paints the images; see `cyclorama.executors`. They don't depend on it.
         progress : bool or callable, optional
             One unit is an image.
         **options
@@ -497,7 +512,7 @@ class Plan:
             raise ValueError("scene is not the one that the plan was made for: place images anew")
         backdrops = Backdrops(self, scene, folder, size=size, on_demand=on_demand, **options)
         if not on_demand:
-            backdrops.paint(progress=progress)
+            backdrops.paint(executor=executor, progress=progress)
         for old in self._painted:
             old.close()
         self._painted[:] = [backdrops]
@@ -594,10 +609,10 @@ class Plan:
                 raise ValueError(f"it has {len(header['lod'])} levels of detail, and lod= are not those")
             proof = Proof(file["boxes"], file["served"])
             names = ("up", "domain", "viewpoints", "parameters")
-            fields = {name: file[name] for name in names} | {name: header[name] for name in _SAVED}
+            known = {name: file[name] for name in names} | {name: header[name] for name in _SAVED}
             sight = Sight(file["regions"], file["visible"]) if "regions" in file.files else None
             cells = cells_of(scene, header["leaf_depth"], lod, sight)
-            return cls(scene=scene, proof=proof, _cells=cells, lod=tuple(lod), sight=sight, **fields)
+            return cls(scene=scene, proof=proof, _cells=cells, lod=tuple(lod), sight=sight, **known)
 
     def image(self, index: int) -> Image:
         """One of the images.

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import _core
+from ..executors import Executor, Team
 from ..progress import Progress, reporter
 from ..region import visible_from
 from ..scene import Scene
@@ -104,6 +105,7 @@ def place_images(
     visibility: int | Sequence[Region] | None = None,
     lod: Sequence[tuple[Scene, float]] = (),
     threads: int | None = None,
+    executor: Executor | None = None,
     progress: Progress = None,
 ) -> Plan:
     """Images such that from any eye in the scene, along any gaze, no more than a budget of faces is drawn.
@@ -157,6 +159,9 @@ def place_images(
         overlap a little, and none of the scene is left out.
     threads : int, optional
         All cores by default; the plan doesn't depend on it.
+    executor : Executor, optional
+        Finds what `visibility` boxes see, which takes by far the most of the time that they do; see
+        `cyclorama.executors`. The cover and its proof are worked out here. The plan doesn't depend on it.
     progress : bool or callable, optional
         See `cyclorama.progress`.
 
@@ -219,7 +224,7 @@ def place_images(
         if domain is None and not isinstance(visibility, (int, np.integer)):
             boxes = np.array([[low, high] for low, high, _ in visibility], dtype=np.float64).reshape(-1, 2, 3)
             where = np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
-        sight = _sight(scene, where, visibility, faces, threads)
+        sight = _sight(scene, where, visibility, faces, threads, None if executor is None else Team(executor, scene))
     edge = float((where[1] - where[0]).max())
     tan_x = float(np.tan(np.radians(fov_x) / 2))
     wide = min(fov_x + _WIDER, _MOST_IMAGE) if image_fov is None else image_fov
@@ -349,6 +354,7 @@ def _sight(
     visibility: int | Sequence[Region],
     faces: int,
     threads: int | None,
+    team: Team | None,
 ) -> Sight:
     """What can be seen from where, checked; coarser levels of detail can be seen from anywhere."""
     low, high = domain
@@ -358,11 +364,15 @@ def _sight(
             raise ValueError(f"visibility must be 1 to {_MOST_REGIONS} boxes along each axis, got {visibility}")
         cuts = np.linspace(low, high, int(visibility) + 1)
         cuts[-1] = high
-        found = []
+        boxes = []
         for place in np.ndindex((int(visibility),) * 3):
             near, far = (np.array([cuts[i + k][axis] for axis, i in enumerate(place)]) for k in (0, 1))
-            seen = visible_from(scene, near, far, **_SIGHT, threads=threads, progress=False)
-            found.append((near, far, seen.faces))
+            boxes.append((near, far))
+        if team is None:
+            seen = [_seen_from(scene, *box, threads) for box in boxes]
+        else:
+            seen = list(team.run(_seen_from, ((*box, threads or 1) for box in boxes)))
+        found = [(*box, ids) for box, ids in zip(boxes, seen, strict=True)]
     else:
         found = list(visibility)
     regions = np.array([[at, to] for at, to, _ in found], dtype=np.float64).reshape(-1, 2, 3)
@@ -387,6 +397,13 @@ def _sight(
             raise ValueError(f"visibility[{row}] must have faces from 0 to {len(scene) - 1}")
         bits[row, ids.astype(np.int64)] = True
     return Sight(regions, np.packbits(bits, axis=1, bitorder="little").view("<u8").astype(np.uint64))
+
+
+def _seen_from(
+    scene: Scene, near: npt.NDArray[np.float64], far: npt.NDArray[np.float64], threads: int | None
+) -> npt.NDArray[np.uint32]:
+    """The faces that can be seen from a box."""
+    return visible_from(scene, near, far, **_SIGHT, threads=threads, progress=False).faces
 
 
 def _too_small(budget: int, depth: int, needed: int, eye: list[float], yaw: float, pitch: float, images: int) -> str:
