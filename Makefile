@@ -20,8 +20,9 @@ PAGES := python/cyclorama/pages/visibility.js
 demo: $(VENV)/.demo $(VENV)/.built
 	$(BIN)/cyclorama demo $(or $(MESH),$(wildcard ../shared/data/bunny.ply))
 
+# Kernel tests only: the crate has no doctest that runs, and without --lib it is compiled twice.
 test: lint pages
-	cargo test --quiet
+	cargo test --quiet --lib
 	$(BIN)/python -m pytest
 
 bench: $(VENV)/.test $(VENV)/.built target/embree16
