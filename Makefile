@@ -38,7 +38,7 @@ lint: $(VENV)/.test $(VENV)/.built $(VENV)/.rust
 	$(BIN)/python -m mypy.stubtest cyclorama._core --mypy-config-file pyproject.toml \
 	  --allowlist tools/stubtest-allowed --ignore-disjoint-bases
 
-# docs/warp-failures.md and its figures.
+# docs/failures.md and its figures.
 figures: $(VENV)/.test $(VENV)/.built
 	$(BIN)/python tools/draw-failures
 

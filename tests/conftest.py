@@ -6,7 +6,6 @@ A test that needs a package, a driver or a mesh which is not here skips with a r
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 from collections.abc import Callable, Iterator
@@ -19,6 +18,8 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 import cyclorama as cyc
+
+pytest.register_assert_rewrite("failures")
 
 os.environ.setdefault("MPLBACKEND", "Agg")
 os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
@@ -74,39 +75,6 @@ def triangles(data: Path) -> Callable[[str], Triangles]:
 def real_scene(data: Path) -> Callable[[str], cyc.Scene]:
     """`real_scene("bunny")`: a `Scene` of a real mesh, made once."""
     return _scene
-
-
-def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption("--figures", type=Path, metavar="FOLDER", help="draw figures of where methods fail into a folder")
-
-
-@pytest.fixture
-def figure(request: pytest.FixtureRequest) -> Callable[..., None]:
-    """Draws pictures side by side if `--figures` asks: `figure({title: picture, ...}, measured="what came out")`.
-
-    The files are named after the test; beside the picture lies what the test says of itself and what it measured.
-    """
-    folder: Path | None = request.config.getoption("--figures")
-
-    def draw(pictures: dict[str, npt.NDArray[np.uint8]], measured: str) -> None:
-        if folder is None:
-            return
-        pyplot = pytest.importorskip("matplotlib.pyplot", reason="needs matplotlib to draw figures")
-        folder.mkdir(parents=True, exist_ok=True)
-        across = min(4, len(pictures))
-        down = -(-len(pictures) // across)
-        drawing, panels = pyplot.subplots(down, across, figsize=(2.8 * across, 2.4 * down), squeeze=False)
-        for panel in panels.flat:
-            panel.set_axis_off()
-        for panel, (title, picture) in zip(panels.flat, pictures.items(), strict=False):
-            panel.imshow(picture, interpolation="nearest")
-            panel.set_title(title, fontsize=8)
-        drawing.savefig(folder / f"{request.node.name}.png", dpi=75, bbox_inches="tight")
-        pyplot.close(drawing)
-        said = {"says": request.node.function.__doc__, "measured": measured}
-        (folder / f"{request.node.name}.json").write_text(json.dumps(said))
-
-    return draw
 
 
 @pytest.fixture
