@@ -106,7 +106,7 @@ def read_archive(path: str | os.PathLike[str], format: str, what: str) -> Iterat
 
 
 def check_format(header: Mapping[str, Any], format: str) -> None:
-    """Refuses a header of another format.
+    """Refuses a header of another format, or of another version of it.
 
     Raises
     ------
@@ -117,5 +117,11 @@ def check_format(header: Mapping[str, Any], format: str) -> None:
     --------
     >>> check_format({"format": "numbers 1"}, "numbers 1")
     """
-    if header.get("format") != format:
-        raise ValueError(f"its format is {header.get('format')!r}, not {format!r}")
+    found = header.get("format")
+    if found == format:
+        return
+    kind, _, version = format.rpartition(" ")
+    its_kind, _, its_version = str(found).rpartition(" ")
+    if its_kind == kind and its_version.isdecimal() and int(its_version) > int(version):
+        raise ValueError(f"it was written by a newer Cyclorama: its format is {found!r}, this one reads {format!r}")
+    raise ValueError(f"its format is {found!r}, not {format!r}")

@@ -11,12 +11,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..archives import check_format
 from .cells import TOUCH, Cell, Portal, parse_cells, parse_portals
 
 __all__ = ["read_building"]
 
 Floats = npt.NDArray[np.float64]
 Box = tuple[Floats, Floats]
+
+FORMAT = "cyclorama building 1"
 
 
 def read_building(path: str | os.PathLike[str]) -> tuple[list[Cell], list[Portal]]:
@@ -26,6 +29,11 @@ def read_building(path: str | os.PathLike[str]) -> tuple[list[Cell], list[Portal
             content = json.load(file)
     except (json.JSONDecodeError, UnicodeDecodeError) as error:
         raise ValueError(f"{path} is not JSON: {error}") from error
+    if isinstance(content, dict) and "format" in content:
+        try:
+            check_format(content, FORMAT)
+        except ValueError as error:
+            raise ValueError(f"{path} is not a building: {error}") from error
     if isinstance(content, dict) and {"cells", "portals"} <= content.keys():
         cells = parse_cells(content["cells"])
         return cells, parse_portals(content["portals"], cells)
