@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -125,3 +127,28 @@ def test_a_frame_uses_the_memory_of_another_one(plan, tmp_path):
         np.testing.assert_array_equal(getattr(again, name), getattr(fresh, name))
     with pytest.raises(ValueError, match="out is a picture of 96 x 72, the frame has 48 x 36"):
         backdrops.draw(eye, gaze, (48, 36), prefetch=False, out=old)
+
+
+def test_several_images_show_what_one_would(plan, tmp_path):
+    one = made(plan, tmp_path / "1", spend=False)
+    three = made(replace(plan, images_per_frame=3), tmp_path / "3", spend=False)
+    known = painting.uses(three.plan, 2000)
+    # A frame that three images stand for.
+    places = np.column_stack([known.eyes, known.gazes])
+    _, first, counts = np.unique(places, axis=0, return_index=True, return_counts=True)
+    at = first[counts.argmax()]
+    eye, gaze = known.eyes[at], known.gazes[at]
+    single, several = (made.draw(eye, gaze, SIZE, prefetch=False) for made in (one, three))
+    assert len(several.stats.images) == 3 and single.stats.images == several.stats.images[:1]
+    assert several.stats.faces < single.stats.faces
+    # They share the pixels of one.
+    assert three._size == (55, 42)
+    view = plan.scene.render(single.camera)
+    shown = set(np.unique(several.layer).tolist()) - {GEOMETRY}
+    assert shown <= set(several.stats.images) and len(shown) > 1
+    behind = np.isin(view.ids, np.concatenate([plan.culled(i) for i in several.stats.images]))
+    assert several.hole[behind].mean() < 0.05
+    assert (np.abs(several.depth - view.depth) < 0.05)[behind].mean() > 0.6
+    # A flat image is alone: what the others stand for is drawn.
+    flat = three.draw(eye, gaze, SIZE, display="quad", prefetch=False)
+    assert len(flat.stats.images) == 1 and flat.stats.faces == single.stats.faces

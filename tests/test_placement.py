@@ -1,5 +1,7 @@
 """Plans keep their budgets and lose nothing; proofs are checked by code that shares nothing with what made them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -240,6 +242,7 @@ def test_a_budget_above_the_scene_needs_no_image(scene):
         ({"leaf_depth": 11}, "leaf_depth must be"),
         ({"reach": 0.0}, "reach must be"),
         ({"shell": -1}, "shell must be"),
+        ({"images_per_frame": 0}, "images_per_frame must be an integer from 1 to 16"),
         ({"method": "exact"}, "method must be"),
         ({"directions": "up"}, "directions must be"),
         ({"method": "paper", "directions": "sphere"}, "level gazes"),
@@ -426,3 +429,41 @@ def test_what_cannot_be_seen_saves_images(scene, plan, tmp_path):
 def test_bad_levels_and_regions_are_named(scene, change, words):
     with pytest.raises(ValueError, match=words):
         cyc.place_images(scene, BUDGET, progress=False, **change)
+
+
+def test_several_images_of_a_frame_leave_fewer_faces_and_lose_none(scene, plan, tmp_path):
+    several = replace(plan, images_per_frame=3)
+    eyes, gazes = placement.check.random_frames(plan, 150, 3)
+    counts, fewer = [], 0
+    for eye, gaze in zip(eyes, gazes, strict=True):
+        one, frame = plan.frame(eye, gaze), several.frame(eye, gaze)
+        counts.append(len(frame.images))
+        assert (frame.image is None) == (one.image is None)
+        if frame.image is None:
+            continue
+        assert frame.image.index == one.image.index
+        assert np.isin(frame.faces, one.faces).all()
+        fewer += len(frame.faces) < len(one.faces)
+        there = np.zeros(len(scene), bool)
+        there[frame.faces] = True
+        outside, behind = brute_force(plan, eye, gaze, frame.image)
+        for image in frame.others:
+            assert image.index < len(plan.images) - plan.shell and image.index != frame.image.index
+            assert image.forward @ eye < image.forward @ image.corners[0]
+            # The viewpoint sees the eye in the frustum of the same gaze.
+            assert is_seen(plan, image.viewpoint, gaze, eye)
+            behind |= brute_force(plan, eye, gaze, image)[1]
+        assert (there | outside | behind).all()
+    assert max(counts) == 3 and fewer > 10
+    several.save(tmp_path / "plan.npz")
+    assert placement.Plan.load(tmp_path / "plan.npz", scene).images_per_frame == 3
+
+
+def is_seen(plan, viewpoint, gaze, point):
+    """Whether a point lies in the frustum of an eye, to rounding."""
+    forward = np.asarray(gaze) / np.linalg.norm(gaze)
+    right = np.cross(forward, [0, 1, 0])
+    right /= np.linalg.norm(right)
+    x, y, z = (point - viewpoint) @ np.column_stack([right, np.cross(right, forward), forward])
+    tan = np.tan(np.radians(plan.fov_x / 2)) * z + 1e-9
+    return abs(x) <= tan and abs(y) <= tan / plan.aspect

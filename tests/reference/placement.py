@@ -43,8 +43,9 @@ class FewImages:
         self._every = np.arange(len(scene), dtype=np.uint32)
         self._rest = [np.setdiff1d(self._every, culled, assume_unique=True) for culled in self._culled]
 
-    #: No coarser levels of detail.
+    #: No coarser levels of detail, and one image a frame.
     lod = ()
+    images_per_frame = 1
 
     @property
     def whole(self) -> cyc.Scene:
@@ -60,7 +61,7 @@ class FewImages:
     def culled(self, index: int) -> np.ndarray:
         return self._culled[index]
 
-    def frame(self, eye, forward) -> SimpleNamespace:
+    def frame(self, eye, forward, *, images=None) -> SimpleNamespace:
         eye, gaze = np.asarray(eye, np.float64), np.asarray(forward, np.float64) / np.linalg.norm(forward)
         right = np.cross(gaze, self.up) / np.linalg.norm(np.cross(gaze, self.up))
         tan = np.tan(np.radians(self.fov_x / 2))
@@ -74,5 +75,6 @@ class FewImages:
             if seen and fits and (best is None or np.linalg.norm(step) < best[0]):
                 best = np.linalg.norm(step), index
         if best is None:
-            return SimpleNamespace(faces=self._every, image=None, levels=())
-        return SimpleNamespace(faces=self._rest[best[1]], image=SimpleNamespace(index=best[1]), levels=())
+            return SimpleNamespace(faces=self._every, image=None, levels=(), images=())
+        image = SimpleNamespace(index=best[1])
+        return SimpleNamespace(faces=self._rest[best[1]], image=image, levels=(), images=(image,))

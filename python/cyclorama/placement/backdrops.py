@@ -130,8 +130,10 @@ class Backdrops:
                 f"region must be lowest and highest coordinates, (2, 3), in the plan's domain, got {region!r}"
             )
         self.plan, self.scene, self.region = plan, scene, eyes
-        width, height = size
-        self._size, self._where = (int(width), int(height)), where
+        # The images of one frame share the pixels of one.
+        share = math.sqrt(plan.images_per_frame)
+        width, height = (max(1, round(int(side) / share)) for side in size)
+        self._size, self._where = (width, height), where
         self._construction, self._max_holes = int(construction), float(max_holes)
         self._spread = float(spread)
         self._max_error = None if max_error is None else float(max_error)

@@ -49,8 +49,8 @@ class DrawStats:
 
     Attributes
     ----------
-    image : int or None
-        Which image is behind the geometry.
+    images : tuple of int
+        Which images are behind the geometry; the plan's choice first.
     faces : int
         Drawn as geometry.
     nearer : int
@@ -64,7 +64,7 @@ class DrawStats:
         together.
     """
 
-    image: int | None
+    images: tuple[int, ...]
     faces: int
     nearer: int
     culled: int
@@ -73,6 +73,11 @@ class DrawStats:
     rendered: float
     warped: float
     composed: float
+
+    @property
+    def image(self) -> int | None:
+        """The first of the images."""
+        return self.images[0] if self.images else None
 
     @property
     def total(self) -> float:
@@ -126,7 +131,7 @@ class Drawn:
         """
         canvas = Canvas.empty(camera.height, camera.width, GEOMETRY)
         assert canvas.hole is not None
-        stats = DrawStats(None, 0, 0, 0, 0, 0.0, 0.0, 0.0, 0.0)
+        stats = DrawStats((), 0, 0, 0, 0, 0.0, 0.0, 0.0, 0.0)
         none = np.empty(0, np.uint32)
         return cls(canvas.color, canvas.depth, canvas.hole, canvas.layer, canvas.ids, none, camera, stats)
 
@@ -236,42 +241,52 @@ def draw(
     clock = [time.perf_counter()]
     camera = frame_camera(plan, eye, gaze, size)
     out = Drawn.empty(camera) if out is None else out.checked(camera)
-    frame = plan.frame(eye, gaze)
-    index = None if frame.image is None else frame.image.index
+    # A flat image hides all that is beyond its plane: nothing can be drawn there, nor another image.
+    flat = display in ("quad", "geometry")
+    frame = plan.frame(eye, gaze, images=1 if flat else None)
+    images = tuple(image.index for image in frame.images)
     faces, near = _every_level(pictures, frame), Nearer(np.empty(0, np.uint32), 0.0)
-    # A flat image hides all that is beyond its plane: nothing can be drawn there.
-    if index is not None and pictures.foreground is not None and display in ("ldi", "warp", "mesh"):
+    if images and pictures.foreground is not None and not flat:
         room = plan.budget - len(faces)
-        near = pictures.foreground.of(pictures.foreground.cells(index), camera, room)
+        cells = [pictures.foreground.cells(index) for index in images]
+        near = pictures.foreground.of(cells[0] if len(cells) == 1 else np.unique(np.concatenate(cells)), camera, room)
         faces = np.concatenate([faces, near.faces])
     clock.append(time.perf_counter())
     canvas = Canvas(out.color, out.depth, out.ids, out.layer, out.hole)
-    _geometry(pictures, canvas, faces, camera, index if display == "geometry" else None, threads)
+    _geometry(pictures, canvas, faces, camera, images[0] if images and display == "geometry" else None, threads)
     clock.append(time.perf_counter())
     samples = culled = 0
-    warped = clock[-1]
-    if index is not None:
-        culled = pictures.culled(index)
-        within = entered(pictures.space(index), camera, out.depth, near.depth)
-        if within.any():
-            small = camera if warp_size is None else camera.with_size(*warp_size)
-            # What is not seen need not be warped.
-            wanted = within if warp_size is None else None
-            to = small.replace(near=near.depth)
-            shown, samples = _backdrop(pictures, index, to, display, splat, wanted, threads)
-            if warp_size is not None:
-                shown = _scaled(shown, camera)
-            warped = time.perf_counter()
-            # What is in the image and drawn as well is as deep in both, but for rounding to the image's pixels.
-            twice = np.zeros(len(plan.whole), np.bool_)
-            twice[near.faces] = True
-            hole = shown.hole & within
-            # What a flat image shows is elsewhere.
-            flat = display in ("quad", "geometry")
-            canvas.lay(shown.depth, index, color=shown.color, within=None if flat else within, twice=twice)
-            out.hole[hole] = True
-    clock += [warped, time.perf_counter()]
-    stats = DrawStats(index, len(faces), len(near.faces), culled, samples, *(1e3 * np.diff(clock)).tolist())
+    warped, unknown = 0.0, []
+    # Where each image's space is before the geometry; images are laid over that in turn.
+    seen = [entered(pictures.space(index), camera, out.depth, near.depth) for index in images]
+    for index, within in zip(images, seen, strict=True):
+        culled += pictures.culled(index)
+        if not within.any():
+            continue
+        start = time.perf_counter()
+        small = camera if warp_size is None else camera.with_size(*warp_size)
+        # What is not seen need not be warped.
+        wanted = within if warp_size is None else None
+        to = small.replace(near=near.depth)
+        shown, count = _backdrop(pictures, index, to, display, splat, wanted, threads)
+        samples += count
+        if warp_size is not None:
+            shown = _scaled(shown, camera)
+        warped += time.perf_counter() - start
+        # What is in the image and drawn as well is as deep in both, but for rounding to the image's pixels.
+        twice = np.zeros(len(plan.whole), np.bool_)
+        twice[near.faces] = True
+        unknown.append((index, shown.hole & within))
+        # What a flat image shows is elsewhere.
+        canvas.lay(shown.depth, index, color=shown.color, within=None if flat else within, twice=twice)
+    for index, hole in unknown:
+        # Another image may be nearer than what is unknown.
+        still = hole & entered(pictures.space(index), camera, out.depth, near.depth) if len(images) > 1 else hole
+        out.hole[still] = True
+    clock.append(time.perf_counter())
+    placed, rendered, rest = (1e3 * np.diff(clock)).tolist()
+    warped *= 1e3
+    stats = DrawStats(images, len(faces), len(near.faces), culled, samples, placed, rendered, warped, rest - warped)
     return replace(out, nearer=near.faces, camera=camera, stats=stats)
 
 

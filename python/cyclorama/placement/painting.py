@@ -13,7 +13,7 @@ built from its own frames.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, Protocol
 
@@ -99,6 +99,8 @@ class Frame(Protocol):
     @property
     def image(self) -> Image | None: ...
     @property
+    def images(self) -> Sequence[Image]: ...
+    @property
     def levels(self) -> tuple[npt.NDArray[np.uint32], ...]: ...
 
 
@@ -122,11 +124,13 @@ class Placement(Protocol):
     @property
     def budget(self) -> int: ...
     @property
+    def images_per_frame(self) -> int: ...
+    @property
     def lod(self) -> tuple[tuple[Scene, float], ...]: ...
     @property
     def whole(self) -> Scene: ...
     def cells(self) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.int64]]: ...
-    def frame(self, eye: npt.ArrayLike, forward: npt.ArrayLike) -> Frame: ...
+    def frame(self, eye: npt.ArrayLike, forward: npt.ArrayLike, *, images: int | None = None) -> Frame: ...
     def culled(self, index: int) -> npt.NDArray[np.uint32]: ...
 
 
@@ -238,14 +242,14 @@ def uses(plan: Placement, count: int, *, region: npt.ArrayLike | None = None, se
     low, high = np.asarray(plan.domain if region is None else region, np.float64)
     eyes = rng.uniform(low, high, (count, 3))
     gazes = _gazes(plan, rng, count)
-    found, room = np.full(count, -1, np.int64), np.zeros(count, np.int64)
+    found: list[tuple[int, int, int]] = []
     for index in range(count):
         frame = plan.frame(eyes[index], gazes[index])
-        if frame.image is not None:
-            found[index], room[index] = frame.image.index, plan.budget - len(frame.faces)
-    order = np.argsort(found, kind="stable")
-    order = order[found[order] >= 0]
-    return Uses(eyes[order], gazes[order], found[order], room[order])
+        found.extend((image.index, index, plan.budget - len(frame.faces)) for image in frame.images)
+    image, index_of, room = np.array(found, np.int64).reshape(-1, 3).T
+    order = np.argsort(image, kind="stable")
+    at = index_of[order]
+    return Uses(eyes[at], gazes[at], image[order], room[order])
 
 
 def more_uses(plan: Placement, image: int, eyes: Floats, gazes: Floats, region: Floats, wanted: int) -> Uses:
@@ -277,7 +281,7 @@ def more_uses(plan: Placement, image: int, eyes: Floats, gazes: Floats, region: 
     kept, room = [], []
     for index in range(2 * wanted):
         frame = plan.frame(at[index], ahead[index])
-        if frame.image is not None and frame.image.index == image:
+        if any(one.index == image for one in frame.images):
             kept.append(index)
             room.append(plan.budget - len(frame.faces))
             if len(kept) == wanted:

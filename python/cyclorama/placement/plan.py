@@ -19,6 +19,7 @@ from ..progress import Progress, reporter
 from ..scene import Scene
 from .check import Check, audit, check
 from .prediction import Prediction, predict
+from .several import Several
 from .verify import FORMAT, ROUNDING
 
 if TYPE_CHECKING:
@@ -71,11 +72,19 @@ class Frame:
         What stands for the rest; None where all that is seen fits the budget.
     levels : tuple of ndarray of uint32
         The faces of each coarser level of detail, if the plan has any; with `faces` they are at most the budget.
+    others : tuple of Image
+        More images of the same frame, if the plan has several for one: what they stand for is not among the faces.
     """
 
     faces: npt.NDArray[np.uint32]
     image: Image | None
     levels: tuple[npt.NDArray[np.uint32], ...] = ()
+    others: tuple[Image, ...] = ()
+
+    @property
+    def images(self) -> tuple[Image, ...]:
+        """All images of the frame."""
+        return () if self.image is None else (self.image, *self.others)
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,6 +178,8 @@ class Plan:
         Coarser levels of detail, and the distances from the eye from which each takes the place of the one before.
     sight : Sight or None
         What can be seen from where; None where everything counts.
+    images_per_frame : int
+        The most images that stand for something in one frame.
     """
 
     scene: Scene
@@ -188,6 +199,7 @@ class Plan:
     grid: GridPlan | None = field(default=None, repr=False)
     lod: tuple[tuple[Scene, float], ...] = field(default=(), repr=False)
     sight: Sight | None = field(default=None, repr=False)
+    images_per_frame: int = 1
     _painted: list[Backdrops] = field(default_factory=list, repr=False)
 
     def __repr__(self) -> str:
@@ -259,7 +271,14 @@ class Plan:
             yaw=np.degrees(np.column_stack([low, low + spans[:, 1] - spans[:, 0]])),
         )
 
-    def frame(self, eye: npt.ArrayLike, forward: npt.ArrayLike, out: npt.NDArray[np.uint32] | None = None) -> Frame:
+    def frame(
+        self,
+        eye: npt.ArrayLike,
+        forward: npt.ArrayLike,
+        out: npt.NDArray[np.uint32] | None = None,
+        *,
+        images: int | None = None,
+    ) -> Frame:
         """What to draw for an eye and a gaze.
 
         Of the images whose viewpoint lies in the reverse frustum, whose plane lies beyond the eye, and with which the
@@ -274,6 +293,8 @@ class Plan:
             The direction of view, of any length but zero.
         out : (B,) ndarray of uint32, optional
             At least `budget` long; the faces are a view of it.
+        images : int, optional
+            The most images of the frame, `images_per_frame` by default.
 
         Returns
         -------
@@ -315,13 +336,21 @@ class Plan:
                 "no image is placed for it"
             )
         image = None if index == -1 else self.image(index)
+        most, more = self.images_per_frame if images is None else images, list[int]()
+        if image is not None and most > 1:
+            count, more = self._several.add(out, count, index, at, yaw, pitch, most - 1)
+        others = tuple(self.image(other) for other in more)
         if not self.lod:
-            return Frame(out[:count], image)
+            return Frame(out[:count], image, others=others)
         # Levels follow one another in the answer as they do among the faces.
         ends = np.cumsum([len(self.scene), *(len(scene) for scene, _ in self.lod)])
         cuts = [int((out[:count] < end).sum()) for end in ends]
         levels = [out[a:b] - np.uint32(end) for a, b, end in zip(cuts, cuts[1:], ends, strict=False)]
-        return Frame(out[: cuts[0]], image, tuple(levels))
+        return Frame(out[: cuts[0]], image, tuple(levels), others)
+
+    @cached_property
+    def _several(self) -> Several:
+        return Several(self)
 
     def angles(self, forward: npt.ArrayLike) -> tuple[float, float]:
         """Yaw and pitch of a gaze, in radians.
@@ -568,6 +597,7 @@ class Plan:
         """
         header = {"scene": fingerprint(self.scene)} | {name: getattr(self, name) for name in _SAVED}
         header["lod"] = [(fingerprint(scene), distance) for scene, distance in self.lod]
+        header["images_per_frame"] = self.images_per_frame
         arrays: dict[str, npt.NDArray[Any]] = {
             "up": self.up,
             "domain": self.domain,
@@ -612,6 +642,8 @@ class Plan:
             known = {name: file[name] for name in names} | {name: header[name] for name in _SAVED}
             sight = Sight(file["regions"], file["visible"]) if "regions" in file.files else None
             cells = cells_of(scene, header["leaf_depth"], lod, sight)
+            # Files of before have none.
+            known["images_per_frame"] = header.get("images_per_frame", 1)
             return cls(scene=scene, proof=proof, _cells=cells, lod=tuple(lod), sight=sight, **known)
 
     def image(self, index: int) -> Image:

@@ -174,7 +174,8 @@ def _culled(backdrops: Backdrops, drawn: Drawn, ids: npt.NDArray[np.uint32]) -> 
     if drawn.stats.image is None:
         return np.zeros(ids.shape, np.bool_)
     inside = np.zeros(len(backdrops.scene) + 1, np.bool_)
-    inside[behind(backdrops.plan, backdrops.scene, drawn.stats.image)] = True
+    for index in drawn.stats.images:
+        inside[behind(backdrops.plan, backdrops.scene, index)] = True
     return np.asarray(inside[np.where(ids == BACKGROUND, len(backdrops.scene), ids)])
 
 
