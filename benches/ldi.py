@@ -162,12 +162,12 @@ def row(name: str, at: Interior, rounds: int, views: int) -> dict[str, Any]:
 def sweep(scene: cyc.Scene, sizes: list[Size], grain: float, rounds: int, views: int) -> list[dict[str, Any]]:
     """A row for each number of construction images, splat, resolution and distance moved, all else as usual."""
     place = interior(scene, PLACES[SWEPT], SIZE, grain)
-    cases: list[tuple[str, Any, Interior, int, int, float]] = []
+    cases: list[tuple[str, float, Interior, int, int, float]] = []
     cases += [("construction images", count, place, count, 3, 1.0) for count in (0, 1, 2, 4, 6, 8)]
     cases += [("splat", splat, place, 8, splat, 1.0) for splat in (1, 3, 5, 7)]
     cases += [("moved", moved, place, 8, 3, moved) for moved in (0.0, 0.25, 0.5, 1.0, 1.5, 2.0)]
     places = {size: place if size == SIZE else interior(scene, PLACES[SWEPT], size, grain) for size in sizes}
-    cases += [("width", size[0], at, 8, 3, 1.0) for size, at in places.items()]
+    cases += [("megapixels", size[0] * size[1] / 1e6, at, 8, 3, 1.0) for size, at in places.items()]
     rows = []
     for against, value, at, count, splat, moved in cases:
         targets = at.targets(views, moved)
@@ -211,7 +211,7 @@ def draw(rows: list[dict[str, Any]]) -> None:
             panel = panels[3][column]
             panel.plot([row["ms"] for row in some], [row["dB"] for row in some], style, marker="o", label=label)
             for entry in some:
-                panel.annotate(str(entry["value"]), (entry["ms"], entry["dB"]), fontsize=7)
+                panel.annotate(f"{entry['value']:.3g}", (entry["ms"], entry["dB"]), fontsize=7)
             panel.set_xlabel("ms a warp, one thread")
             panel.set_ylabel(f"dB, by {against}")
     panels[0][0].legend(fontsize=8)
