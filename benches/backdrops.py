@@ -1,6 +1,7 @@
 """Walks with backdrops: every display beside the true pictures, what a frame costs, and what could be stored once.
 
-    python benches/backdrops.py [--quick] [--budget 0.2] [--faces 1000000] [--frames 200] [--folder DIR] [--scenes ...]
+    python benches/backdrops.py [--quick] [--budget 0.2] [--faces 1000000] [--frames 200] [--until 0] [--folder DIR]
+        [--scenes ...]
 
 A plan is placed, then a seeded path at 510 x 480 is drawn in the displays of the 1998 dissertation's section 1.4.1 and
 compared with the whole scene drawn from the same eyes, everything painted with a solid texture: flat faces would hide
@@ -10,7 +11,8 @@ painted twice.
 `pixels` is the share of the pixels behind the image that are taken from it: the rest of the budget draws what is
 nearest. PSNR, `holes` and `lost` (something deeper is shown) are over those. `behind` is the PSNR over all pixels that
 truly show what the image stands for. Popping, jump and step are in grey levels of 255. *half a pixel* is what the truth
-itself loses when it is drawn half a pixel beside: no picture that is sampled anew can be much better.
+itself loses when it is drawn half a pixel beside: no picture that is sampled anew can be much better. `--until` ends
+the walk after so many of its frames.
 
 Then: how much of an image's samples the one taken nearest to it has as well.
 """
@@ -49,7 +51,14 @@ class Texture:
 
 def main() -> None:
     options = bench.options(
-        __doc__, budget=0.2, construction=16, faces=1_000_000, frames=200, folder="", scenes=["pipes", "sibenik"]
+        __doc__,
+        budget=0.2,
+        construction=16,
+        faces=1_000_000,
+        frames=200,
+        until=0,
+        folder="",
+        scenes=["pipes", "sibenik"],
     )
     frames = 20 if options.quick else options.frames
     sibenik = bench.scene(options.meshes, "sibenik")
@@ -76,6 +85,7 @@ def main() -> None:
             eyes, _ = walking.path(low, high, frames, seed=1)
             # Toward the middle of the box: an eye that looks outward needs no image.
             gazes = ((low + high) / 2 - eyes) * (1, 0, 1)
+            eyes, gazes = eyes[: options.until or None], gazes[: options.until or None]
             # Images are painted when a frame first shows some of them: that is not part of its time (a median).
             rows = walking.walk(backdrops, eyes, gazes, size=SIZE, progress=False)
             used = painted(backdrops)

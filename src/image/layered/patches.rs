@@ -70,8 +70,8 @@ impl Slopes {
                     for sample in pixels(layered, y, columns_of(column, width)) {
                         let disparity = layered.disparities[sample];
                         tile.disparity = [tile.disparity[0].min(disparity), tile.disparity[1].max(disparity)];
-                        for axis in 0..2 {
-                            tile.slope[axis] = tile.slope[axis].max(samples[axis][sample].abs());
+                        for (steepest, slopes) in tile.slope.iter_mut().zip(samples) {
+                            *steepest = steepest.max(slopes[sample].abs());
                         }
                     }
                 }
