@@ -117,18 +117,6 @@ def setting(folder: Path, name: str, views: int) -> Setting:
     return Setting(name, SETTINGS.get(name, "other"), subject, cameras)
 
 
-def medians(calls: dict[str, Callable[[], object]], rounds: int) -> dict[str, float]:
-    """Milliseconds of each call, the calls taking turns."""
-    times: dict[str, list[float]] = {name: [] for name in calls}
-    for round_ in range(rounds + 1):
-        for name, call in calls.items():
-            start = time.perf_counter()
-            call()
-            if round_:
-                times[name].append(time.perf_counter() - start)
-    return {name: 1e3 * float(np.median(values)) for name, values in times.items()}
-
-
 @cache
 def tori(grid: tuple[int, int, int] = (13, 13, 12), around: int = 32, across: int = 16, seed: int = 0) -> cyc.Scene:
     """Randomly turned tori at the integers of a grid, none touching another: by default 2,076,672 faces."""

@@ -27,7 +27,7 @@ import numpy.typing as npt
 
 import bench
 import cyclorama as cyc
-from cyclorama import Camera, DepthImage, LayeredDepthImage, quality
+from cyclorama import Camera, DepthImage, LayeredDepthImage, lab, quality
 from cyclorama.ldi import construction_cameras, quadrilateral
 
 Vector = tuple[float, float, float]
@@ -132,7 +132,7 @@ def row(name: str, at: Interior, rounds: int, views: int) -> dict[str, Any]:
     centre = decibels(against_nine(at.targets(1, moved=0.0))[0][:, 1:])
     camera = at.inner
     out, out_1 = cyc.warp.Warped.empty(camera), cyc.warp.Warped.empty(camera)
-    ms = bench.medians(
+    ms = lab.medians(
         {
             "one": lambda: cyc.warp.forward(images[0], camera, out=out_1, threads=1),
             "layered": lambda: layered.warp(camera, out=out, threads=1),
@@ -186,7 +186,7 @@ def sweep(scene: cyc.Scene, sizes: list[Size], grain: float, rounds: int, views:
                     "dB": float(decibels(errors)),
                     "holes, %": 100 * float(holes.mean()),
                     "samples a pixel": layered.samples / at.images[0].missing.size,
-                    "ms": bench.medians({"warp": warp}, rounds)["warp"],
+                    "ms": lab.medians({"warp": warp}, rounds)["warp"],
                 }
             )
     return rows

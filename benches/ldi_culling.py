@@ -14,7 +14,7 @@ import numpy as np
 
 import bench
 import cyclorama as cyc
-from cyclorama import Camera, LayeredDepthImage
+from cyclorama import Camera, LayeredDepthImage, lab
 
 SIZE = (512, 384)
 MOVES = {"there": (0.0, 0.0), "aside 5 %": (0.05, 0.0), "ahead 5 %": (0.0, 0.05)}
@@ -26,7 +26,7 @@ def row(name: str, layered: LayeredDepthImage, camera: Camera, rounds: int) -> s
     if not (np.array_equal(whole.color, exact.color) and np.array_equal(whole.depth, exact.depth)):
         raise SystemExit(f"{name}: cull='exact' changed the picture")
     faults = layered.cull_faults(camera)
-    ms = bench.medians(
+    ms = lab.medians(
         {
             "none": lambda: layered.warp(camera, out=out, threads=1),
             "exact": lambda: layered.warp(camera, cull="exact", out=culled, threads=1),

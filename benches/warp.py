@@ -240,7 +240,7 @@ def layered_samples(size: tuple[int, int], rounds: int) -> list[dict[str, Any]]:
             "one": functools.partial(cyc.warp.forward, central, target, out=outs[0], threads=1),
             "layered": functools.partial(layered.warp, target, out=outs[1], threads=1),
         }
-        ms = bench.medians({job: functools.partial(calls, call) for job, call in jobs.items()}, rounds)
+        ms = lab.medians({job: functools.partial(calls, call) for job, call in jobs.items()}, rounds)
         ns = [1e6 * ms["one"] / CALLS / (size[0] * size[1]), 1e6 * ms["layered"] / CALLS / layered.samples]
         row: dict[str, Any] = {"size": f"{size[0]} x {size[1]}", "move": name}
         row["samples a pixel"] = layered.samples / (size[0] * size[1])

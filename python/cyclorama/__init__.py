@@ -14,6 +14,7 @@ from . import (
     quality,
     scenes,
     sphere,
+    sweeps,
     warp,
 )
 from .bakes.assembly import Assembly
@@ -78,6 +79,7 @@ __all__ = [
     "sightings",
     "sphere",
     "strip_hidden",
+    "sweeps",
     "tradeoff",
     "visible_from",
     "warp",

@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy.typing as npt
 
+from . import lab
 from .files import whole_file
 from .tradeoff import COLORS, COSTS
 
 if TYPE_CHECKING:
     from .tradeoff import Tradeoff
 
-__all__ = ["draw", "lines"]
+__all__ = ["draw", "lines", "scatter"]
 
 #: Costs whose axes are logarithmic, and their units; a share has a plain axis.
 UNITS = {"bytes": "B", "time": "s", "query": "s"}
@@ -118,6 +119,31 @@ def _kept(figure: Any, path: str | os.PathLike[str] | None) -> Any:
         with whole_file(path) as file:
             figure.savefig(file, dpi=160, format=os.fspath(path).rsplit(".", 1)[-1].lower())
     return figure
+
+
+def scatter(rows: list[lab.Row], cost: str, error: str, by: str | None, path: str | os.PathLike[str] | None) -> Any:
+    """Error against cost of any rows; see `lab.draw`."""
+    front = lab.pareto(rows, cost=cost, error=error)
+    if not front:
+        raise ValueError(f"no row has both {cost!r} and {error!r}")
+    figure = _figure(figsize=(6.2, 4.2), layout="constrained", facecolor="white")
+    panel = figure.add_subplot()
+    panel.step([r[cost] for r in front], [r[error] for r in front], where="post", color=FRONT, linewidth=2.5)
+    panel.plot([r[cost] for r in front], [r[error] for r in front], "o", color=FRONT, markersize=15, alpha=0.7)
+    series: dict[str, list[lab.Row]] = {}
+    for row in rows:
+        if lab.pareto([row], cost=cost, error=error):
+            series.setdefault("" if by is None else f"{by} = {row.get(by)}", []).append(row)
+    for number, (name, points) in enumerate(series.items()):
+        style = "o" if by is None else "o-"
+        x, y = [r[cost] for r in points], [r[error] for r in points]
+        panel.plot(x, y, style, color=COLORS[number % len(COLORS)], label=name, markeredgecolor="white")
+    panel.set_xlabel(cost, color=INK)
+    panel.set_ylabel(error, color=INK)
+    _plain(panel)
+    if by is not None:
+        panel.legend(frameon=False, fontsize=9)
+    return _kept(figure, path)
 
 
 def _figure(**options: Any) -> Any:

@@ -7,17 +7,23 @@ rounds is kept. A run that fails stays in the table, with its error in place of 
 
 from __future__ import annotations
 
+import csv
+import io
 import itertools
+import json
 import math
+import os
 import statistics
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
+from pathlib import Path
 from typing import Any, Literal
 
+from .files import whole_file
 from .progress import Progress, reporter
 
-__all__ = ["Row", "best", "combinations", "pareto", "sweep", "table"]
+__all__ = ["Row", "best", "combinations", "draw", "load", "medians", "pareto", "save", "sweep", "table"]
 
 Row = dict[str, Any]
 
@@ -253,6 +259,161 @@ def best(
     if not kept:
         raise ValueError(f"none of {len(finite)} rows with a figure {minimise!r} meets the constraint")
     return dict(min(kept, key=lambda row: row[minimise]))
+
+
+def medians(jobs: Mapping[str, Callable[[], object]], rounds: int = 5) -> dict[str, float]:
+    """Milliseconds of each job, median over rounds in which they take turns, after one that does not count.
+
+    Parameters
+    ----------
+    jobs : mapping of str to callable
+    rounds : int
+
+    Examples
+    --------
+    >>> sorted(medians({"one": lambda: 1, "two": lambda: 2}))
+    ['one', 'two']
+    """
+    rows = sweep({"job": jobs}, timed=lambda job: jobs[job], rounds=rounds, errors="raise", progress=False)
+    return {row["job"]: 1e3 * row["time"] for row in rows}
+
+
+def save(rows: Iterable[Mapping[str, Any]], path: str | os.PathLike[str]) -> None:
+    """Writes rows as CSV or Parquet, by the suffix; `load` reads them back.
+
+    Parameters
+    ----------
+    rows : iterable of mappings
+    path : path
+        ``.csv``, or ``.parquet``, which needs pyarrow (extra `lab`). Either is whole or not there.
+
+    Raises
+    ------
+    ValueError
+        If the suffix is another one, or there are no rows.
+    ModuleNotFoundError
+        If pyarrow is asked for and not installed.
+
+    Notes
+    -----
+    A cell of a CSV file is a string as it is, or else JSON: numbers, ``null``, ``true``, lists. What a row lacks is an
+    empty cell.
+    """
+    kept = [{name: _plain(value) for name, value in row.items()} for row in rows]
+    if not kept:
+        raise ValueError("there are no rows to save")
+    names = list(dict.fromkeys(name for row in kept for name in row))
+    if _suffix(path) == ".csv":
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(names)
+        writer.writerows([[_text(row[name]) if name in row else "" for name in names] for row in kept])
+        with whole_file(path) as file:
+            file.write(text.getvalue().encode())
+        return
+    import pyarrow
+    from pyarrow import parquet
+
+    columns = {name: [row.get(name) for row in kept] for name in names}
+    with whole_file(path) as file:
+        parquet.write_table(pyarrow.table(columns), file)
+
+
+def load(path: str | os.PathLike[str]) -> list[Row]:
+    """Reads what `save` wrote.
+
+    Returns
+    -------
+    list of dict
+        Tuples have become lists. From Parquet, figures that a row lacked are None, but for its `error`.
+
+    Raises
+    ------
+    ValueError
+        If the suffix is neither ``.csv`` nor ``.parquet``.
+
+    Examples
+    --------
+    >>> import tempfile, pathlib
+    >>> path = pathlib.Path(tempfile.mkdtemp()) / "rows.csv"
+    >>> save([{"views": 6, "fill": "rays", "missed": 0.25}, {"views": 18, "fill": None, "error": "full"}], path)
+    >>> print(path.read_text())
+    views,fill,missed,error
+    6,rays,0.25,
+    18,null,,full
+    <BLANKLINE>
+    >>> load(path)[1]
+    {'views': 18, 'fill': None, 'error': 'full'}
+    """
+    if _suffix(path) == ".csv":
+        with open(path, newline="", encoding="utf-8") as file:
+            return [{name: _value(cell) for name, cell in row.items() if cell} for row in csv.DictReader(file)]
+    from pyarrow import parquet
+
+    found: list[Row] = parquet.read_table(path).to_pylist()
+    return [{name: v for name, v in row.items() if name != ERROR or v is not None} for row in found]
+
+
+def draw(
+    rows: Iterable[Mapping[str, Any]],
+    *,
+    cost: str,
+    error: str,
+    by: str | None = None,
+    path: str | os.PathLike[str] | None = None,
+) -> Any:
+    """A chart of error against cost, each row a point, with the front of those that nothing beats.
+
+    Parameters
+    ----------
+    rows : iterable of mappings
+    cost, error : str
+        Names of two figures, the less the better.
+    by : str, optional
+        Name of a parameter; rows with the same value are joined by a line.
+    path : path, optional
+        Where to write the picture.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A notebook shows it by itself.
+
+    Raises
+    ------
+    ValueError
+        If no row has both figures.
+    """
+    from . import charts
+
+    return charts.scatter([dict(row) for row in rows], cost, error, by, path)
+
+
+def _suffix(path: str | os.PathLike[str]) -> str:
+    suffix = Path(path).suffix
+    if suffix not in (".csv", ".parquet"):
+        raise ValueError(f"rows are saved as .csv or .parquet, got {os.fspath(path)!r}")
+    return suffix
+
+
+def _plain(value: Any) -> Any:
+    """Without NumPy's types and tuples."""
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    return [_plain(part) for part in value] if isinstance(value, list | tuple) else value
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, str) and isinstance(_value(value), str) and value:
+        return value
+    return json.dumps(value)
+
+
+def _value(cell: str) -> Any:
+    try:
+        return json.loads(cell)
+    except json.JSONDecodeError:
+        return cell
 
 
 def table(rows: Iterable[Mapping[str, Any]], columns: Sequence[str] | None = None) -> str:
