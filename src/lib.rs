@@ -26,6 +26,7 @@ pub mod octree;
 pub mod panorama;
 pub mod patch;
 pub mod placement;
+pub mod portal;
 pub mod render;
 pub mod sphere;
 pub mod visibility;

@@ -24,6 +24,7 @@ MAY_USE = {
     "visibility": {"mesh", "camera", "render"},
     "octree": {"bounds", "mesh"},
     "panorama": {"mesh", "camera", "render"},
+    "portal": {"bounds"},
     "placement": {"bounds", "mesh", "octree"},
 }
 

@@ -13,6 +13,7 @@ import cyclorama as cyc
 from cyclorama.portals import Building
 from cyclorama.portals.cones import Cone
 from peers import need
+from reference import portals as reference
 
 
 @pytest.fixture(scope="module")
@@ -173,22 +174,46 @@ def test_portals_that_overlap_do_not_double_the_views() -> None:
     assert row.visible(camera).tolist() == [0]
 
 
-def test_a_narrower_cone_holds_what_the_wider_one_does() -> None:
+@pytest.mark.parametrize("seed", range(4))
+def test_the_kernel_sees_what_plain_numpy_does(seed: int) -> None:
+    house = cyc.scenes.house(rooms=3 + seed, seed=seed)
+    home = Building(house, house.cells, house.portals)
+    for eye in inside(home, 12, seed):
+        camera = looking(list(eye), list(eye + np.random.default_rng(seed).normal(size=3)), fov_y=75.0)
+        np.testing.assert_array_equal(home.visible(camera), reference.visible(home, camera))
+
+
+def test_it_sees_the_same_through_portals_of_any_shape() -> None:
+    """Random triangles and pentagons as portals between cells that are only names, a face in each of random places."""
+    rng = np.random.default_rng(3)
+    for _ in range(40):
+        cells = [{"min": [3 * k, 0, 0], "max": [3 * k + 3, 3, 3]} for k in range(4)]
+        portals = []
+        for k in [0, 0, 1, 1, 2]:
+            turns = np.sort(rng.uniform(0, 2 * np.pi, int(rng.integers(3, 6))))
+            flat = 1.5 + np.column_stack([np.cos(turns), np.sin(turns)]) * rng.uniform(0.5, 1.5)
+            portals.append({"polygon": np.column_stack([np.full(len(flat), 3.0 * k + 3), flat]), "cells": [k, k + 1]})
+        corners = rng.uniform((0, 0, 0), (12, 3, 3), (120, 1, 3)) + rng.normal(size=(120, 3, 3)) * 0.3
+        scene = cyc.Scene(corners.reshape(-1, 3), np.arange(360).reshape(-1, 3))
+        # Random faces wind around anything: whoever knows the faces of each cell says so.
+        row = Building(scene, cells, portals, faces=[np.arange(120, dtype=np.uint32)] * 5)
+        camera = looking([0.3, *rng.uniform(0.5, 2.5, 2)], [12, *rng.uniform(0.5, 2.5, 2)], fov_y=40.0)
+        cone = Cone.of(camera)
+        expected = np.zeros(120, bool)
+        for _, part in reference.views(row, 0, cone, frozenset()):
+            expected |= ~part.misses(corners)
+        planes = np.column_stack([cone.normals, cone.offsets])
+        np.testing.assert_array_equal(row.kernel.walk(cone.eye.tolist(), planes, [0], [])[0], np.flatnonzero(expected))
+
+
+def test_a_surface_winds_around_what_is_in_it_as_often_as_the_sum_of_its_solid_angles() -> None:
+    scene = cyc.scenes.house(rooms=2, seed=2)
+    corners = np.asarray(scene.vertices, np.float64)[scene.faces]
+    surface = cyc._core.Solid(corners.reshape(-1, 9))
     rng = np.random.default_rng(0)
-    for _ in range(50):
-        eye = rng.normal(size=3)
-        cone = Cone.of(looking(list(eye), list(rng.normal(size=3))))
-        center, u, v = eye + rng.normal(size=3), *rng.normal(size=(2, 3))
-        opening = cone.clip(np.array([center - u - v, center + u - v, center + u + v, center - u + v]))
-        narrower = cone.through(opening) if len(opening) else None
-        if narrower is None:
-            continue
-        # Points straight behind the opening are in both; each point of the narrower is in the wider.
-        weights = rng.dirichlet(np.ones(len(opening)), 50)
-        behind = eye + (weights @ opening - eye) * rng.uniform(1.001, 20, (50, 1))
-        assert not narrower.misses(behind[:, None]).any() and not cone.misses(behind[:, None]).any()
-        points = eye + rng.normal(size=(200, 1, 3)) * 5
-        assert (narrower.misses(points) | ~cone.misses(points)).all()
+    for point in rng.uniform(scene.bounds[0], scene.bounds[1], (200, 3)):
+        expected = reference.winding(corners.transpose(1, 2, 0), point)
+        assert surface.winding(point.tolist()) == pytest.approx(expected, abs=1e-9)
 
 
 def test_what_cannot_be_a_building_is_refused(two_rooms: Building, tmp_path) -> None:

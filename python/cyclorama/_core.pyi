@@ -125,6 +125,36 @@ class Octree:
     def counts(self) -> tuple[int, int, int, int]: ...
     def nodes(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64], npt.NDArray[np.uint32]]: ...
 
+@final
+class Portals:
+    def __new__(
+        cls,
+        corners: npt.NDArray[np.float64],
+        polygons: npt.NDArray[np.float64],
+        ends: list[int],
+        places: list[tuple[int, int]],
+        shut: list[bool],
+        faces: list[npt.NDArray[np.uint32]],
+    ) -> Portals: ...
+    def at(self, point: list[float], slack: float) -> list[int]: ...
+    def views(
+        self, eye: list[float], planes: npt.NDArray[np.float64], places: list[int], crossed: list[int]
+    ) -> list[tuple[int, npt.NDArray[np.float64]]]: ...
+    def walk(
+        self,
+        eye: list[float],
+        planes: npt.NDArray[np.float64],
+        places: list[int],
+        crossed: list[int],
+        image: Callable[[int], bool] | None = None,
+    ) -> tuple[npt.NDArray[np.uint32], list[int], list[tuple[int, npt.NDArray[np.float64]]], list[int]]: ...
+    def behind(self, eye: list[float], side: int) -> npt.NDArray[np.uint32]: ...
+
+@final
+class Solid:
+    def __new__(cls, triangles: npt.NDArray[np.float64]) -> Solid: ...
+    def winding(self, point: list[float]) -> float: ...
+
 def triangles_overlap_boxes(
     triangles: npt.NDArray[np.float64], low: npt.NDArray[np.float64], high: npt.NDArray[np.float64]
 ) -> npt.NDArray[np.bool_]: ...

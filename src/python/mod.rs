@@ -12,6 +12,7 @@ mod panorama;
 mod patch;
 mod placement;
 mod placement_paper;
+mod portal;
 mod render;
 mod sphere;
 mod visibility;
@@ -30,6 +31,7 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     patch::register(m)?;
     placement_paper::register(m)?;
     placement::register(m)?;
+    portal::register(m)?;
     render::register(m)?;
     sphere::register(m)?;
     visibility::register(m)?;

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from .. import _core
 from ..camera import Camera
 from ..progress import Progress, reporter
 from ..scene import Scene
 from ..warp import Splat
-from .cells import TOUCH, Cell, Portal, parse_cells, parse_portals, winding
+from .cells import TOUCH, Cell, Portal, parse_cells, parse_portals
 from .cones import Cone
 from .drawing import PortalDrawn, PortalFrame, draw, frame
 from .finding import find
@@ -80,13 +81,22 @@ class Building:
         self.portals = parse_portals(portals, self.cells)
         self._size = float(np.max(np.ptp([[c.low for c in self.cells], [c.high for c in self.cells]], axis=(0, 1))))
         self._corners = np.asarray(scene.vertices, np.float64)[scene.faces]
-        self._columns = np.ascontiguousarray(self._corners.transpose(1, 2, 0))
+        self._surface = _core.Solid(self._corners.reshape(-1, 9))
         self.faces = self._assigned() if faces is None else list(faces)
         self._images: PortalImages | None = None
-        self._doors: list[list[int]] = [[] for _ in range(len(self.cells) + 1)]
-        for index, portal in enumerate(self.portals):
-            for side in portal.cells:
-                self._doors[len(self.cells) if side is None else side].append(index)
+        self.kernel = self._kernel()
+
+    def _kernel(self) -> _core.Portals:
+        """Cells and portals as the kernel follows them; outdoors is the place after the last cell."""
+        outdoors = len(self.cells)
+        return _core.Portals(
+            self._corners.reshape(-1, 9),
+            np.concatenate([np.empty((0, 3)), *(portal.polygon for portal in self.portals)]),
+            np.cumsum([len(portal.polygon) for portal in self.portals], dtype=int).tolist(),
+            [tuple(outdoors if side is None else side for side in portal.cells) for portal in self.portals],
+            [cell.shut for cell in self.cells],
+            [np.ascontiguousarray(faces, np.uint32) for faces in self.faces],
+        )
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], scene: Scene) -> Building:
@@ -188,11 +198,10 @@ class Building:
         rooms = self.cells[0].rooms
         if rooms is not None:
             return rooms.at(eye) == FILLED and not rooms.near(eye, NEAR)
-        return abs(winding(self._columns, eye)) > 0.5
+        return abs(self._surface.winding(eye.tolist())) > 0.5
 
-    def _at_portals(self, eye: Floats) -> frozenset[int]:
-        slack = TOUCH * self._size
-        return frozenset(i for i, portal in enumerate(self.portals) if _in_polygon(portal.polygon, eye, slack))
+    def _at_portals(self, eye: Floats) -> list[int]:
+        return self.kernel.at(eye.tolist(), TOUCH * self._size)
 
     def visible(self, camera: Camera) -> Ids:
         """The faces that a camera may see: those in its frustum as far as the portals let it through.
@@ -226,19 +235,14 @@ class Building:
         >>> len(building.visible(cyc.Camera.look_at(eye, eye + (1, 0, 0)))) < len(home)
         True
         """
-        seen = np.zeros(len(self.scene), bool)
-        for place, cone in self.views(camera):
-            faces = self.faces[place]
-            faces = faces[~seen[faces]]
-            seen[faces[~cone.misses(self._corners[faces])]] = True
-        return np.flatnonzero(seen).astype(np.uint32)
+        return self.kernel.walk(*self.start(camera))[0]
 
     def cells_seen(self, camera: Camera) -> list[int | None]:
         """The cells that a camera looks into, its own first; None is outdoors."""
-        places = dict.fromkeys(place for place, _ in self.views(camera))
+        places = dict.fromkeys(self.kernel.walk(*self.start(camera))[1])
         return [None if place == len(self.cells) else place for place in places]
 
-    def views(self, camera: Camera) -> Iterator[tuple[int, Cone]]:
+    def views(self, camera: Camera) -> list[tuple[int, Cone]]:
         """Each cell that is looked into, for each sequence of portals that shows more of it, with the rest of the view.
 
         Outdoors is ``len(cells)``.
@@ -248,41 +252,15 @@ class Building:
         ValueError
             As for `visible`.
         """
+        found = self.kernel.views(*self.start(camera))
+        eye = camera.eye
+        return [(place, Cone(eye, planes[:, :3], planes[:, 3])) for place, planes in found]
+
+    def start(self, camera: Camera) -> tuple[list[float], Floats, list[int], list[int]]:
+        """What the kernel takes: eye, planes of the frustum (5, 4), the places that the eye is in, its portals."""
         cone = Cone.of(camera)
         places, crossed = self._places(cone.eye)
-        followed: dict[tuple[int, int], list[Cone]] = {}
-        for place in places:
-            yield from self._views(place, cone, crossed, False, followed)
-
-    def _views(
-        self,
-        place: int,
-        cone: Cone,
-        used: frozenset[int],
-        entered: bool = False,
-        followed: dict[tuple[int, int], list[Cone]] | None = None,
-    ) -> Iterator[tuple[int, Cone]]:
-        """What lies behind a cell's portals; `followed` are the views through each of them so far.
-
-        A part of such a view shows nothing else: its rays are the same, and go on in the same way. Without that,
-        portals that overlap double the sequences, one after the other.
-        """
-        followed = {} if followed is None else followed
-        yield place, cone
-        if entered and place < len(self.cells) and self.cells[place].shut:
-            return
-        for index in self._doors[place]:
-            if index in used:
-                continue
-            portal = self.portals[index]
-            opening = cone.clip(portal.polygon)
-            narrower = cone.through(opening) if len(opening) >= 3 else None
-            before = followed.setdefault((place, index), [])
-            if narrower is not None and not any(wider.contains(opening) for wider in before):
-                before.append(narrower)
-                first, second = (len(self.cells) if side is None else side for side in portal.cells)
-                beyond = second if first == place else first
-                yield from self._views(beyond, narrower, used | {index}, True, followed)
+        return cone.eye.tolist(), np.column_stack([cone.normals, cone.offsets]), places, crossed
 
     def paint(
         self, kind: Kind = "static", *, on_demand: bool = False, progress: Progress = None, **options: Any
@@ -440,7 +418,7 @@ class Building:
             raise ValueError(f"forward must be three finite numbers, not all zero, got {gaze.tolist()}")
         return Camera.look_at(at, at + gaze, self.images.up, fov_y, *size)
 
-    def _places(self, eye: Floats) -> tuple[list[int], frozenset[int]]:
+    def _places(self, eye: Floats) -> tuple[list[int], list[int]]:
         """Where an eye is: a cell, or the sides of the portals that it is in; and those portals."""
         outdoors = len(self.cells)
         at_portals = self._at_portals(eye)
@@ -470,19 +448,6 @@ class Building:
             if cell.triangles is None:
                 indoors |= ((low > cell.low + slack) & (high < cell.high - slack)).all(axis=1)
         return [*assigned, np.flatnonzero(~indoors).astype(np.uint32)]
-
-
-def _in_polygon(polygon: Floats, point: Floats, slack: float) -> bool:
-    """Whether a point lies on a convex polygon, within `slack` of its plane."""
-    middle = polygon.mean(0)
-    along = np.roll(polygon, -1, 0) - polygon
-    normal = np.cross(polygon - middle, np.roll(polygon, -1, 0) - middle).sum(0)
-    normal /= np.linalg.norm(normal)
-    if abs((point - middle) @ normal) > slack:
-        return False
-    inward = np.cross(normal, along)
-    inward /= np.linalg.norm(inward, axis=1, keepdims=True)
-    return bool((((point - polygon) * inward).sum(1) >= -slack).all())
 
 
 def _eye(eye: npt.ArrayLike) -> Floats:

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from .. import _core
 from .voxels import Rooms
 
-__all__ = ["Cell", "Portal", "parse_cells", "parse_portals", "winding"]
+__all__ = ["Cell", "Portal", "parse_cells", "parse_portals"]
 
 Floats = npt.NDArray[np.float64]
 
@@ -46,13 +48,17 @@ class Cell:
     rooms: Rooms | None = None
     label: int = 0
 
+    @cached_property
+    def _surface(self) -> _core.Solid | None:
+        return None if self.triangles is None else _core.Solid(self.triangles.reshape(-1, 9))
+
     def holds(self, point: Floats, slack: float = 0.0) -> bool:
         """Whether a point lies inside, or in the box within `slack` of it."""
         if not ((point >= self.low - slack) & (point <= self.high + slack)).all():
             return False
         if self.rooms is not None:
             return self.rooms.at(point) == self.label
-        return self.triangles is None or abs(winding(self.triangles.transpose(1, 2, 0), point)) > 0.5
+        return self._surface is None or abs(self._surface.winding(point.tolist())) > 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,19 +75,6 @@ class Portal:
 
     polygon: Floats
     cells: tuple[int, int | None]
-
-
-def winding(triangles: Floats, point: Floats) -> float:
-    """How often a closed surface winds around a point: 0 outside, 1 or -1 inside (van Oosterom and Strackee, 1983).
-
-    `triangles` has shape (3, 3, T): corner, coordinate, triangle.
-    """
-    (ax, ay, az), (bx, by, bz), (cx, cy, cz) = triangles - point[:, None]
-    a, b, c = (np.sqrt(x * x + y * y + z * z) for x, y, z in ((ax, ay, az), (bx, by, bz), (cx, cy, cz)))
-    volume = ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx)
-    rest = a * b * c + (ax * bx + ay * by + az * bz) * c + (bx * cx + by * cy + bz * cz) * a
-    rest += (cx * ax + cy * ay + cz * az) * b
-    return float(np.arctan2(volume, rest).sum() / (2 * np.pi))
 
 
 def parse_cells(given: Sequence[Mapping[str, Any] | Cell]) -> list[Cell]:

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -23,12 +22,8 @@ from ..ldi import LayeredDepthImage
 from ..render import View
 from ..scene import Scene
 from ..warp import Splat, Warped, forward
-from .cones import Cone
 from .images import Deadline, Flat, PortalImages
 from .viewpoints import Side
-
-if TYPE_CHECKING:
-    from .building import Building
 
 __all__ = ["FRAMES", "PortalDrawn", "PortalFrame", "PortalStats", "PortalView", "PortalWalk", "draw", "frame"]
 
@@ -196,89 +191,44 @@ def frame(
         When to stop painting; a portal without any image is geometry.
     threads : int, optional
     """
-    building = images.building
-    cone = Cone.of(camera)
-    found = _Found(images, shares or _by_distance(images), deadline, threads)
-    places, crossed = building._places(cone.eye)
-    for place in places:
-        found.enter(place, cone, crossed)
+    building, shares = images.building, shares or _by_distance(images)
+    eye = camera.eye
+    decided: dict[int, PortalView] = {}
+
+    def is_image(number: int) -> bool:
+        side = images.sides[number]
+        if not side.before(eye) > 1e-6 * side.size:
+            return False
+        view = _view(images, number, eye, shares(number, side.distance(eye)), deadline, threads)
+        if view is not None:
+            decided[number] = view
+        return view is not None
+
+    faces, entered, shown, opened = building.kernel.walk(*building.start(camera), is_image)
     outdoors = len(building.cells)
-    cells = [None if place == outdoors else place for place in dict.fromkeys(found.places)]
-    return PortalFrame(cells, np.flatnonzero(found.seen).astype(np.uint32), found.views, sorted(found.open))
+    cells = [None if place == outdoors else place for place in dict.fromkeys(entered)]
+    return PortalFrame(cells, faces, [replace(decided[number], opening=part) for number, part in shown], opened)
 
 
 def _by_distance(images: PortalImages) -> Shares:
     return lambda number, distance: float(distance > images.transition_distances[number])
 
 
-class _Found:
-    """The traversal of figures 6-4 and 6-7."""
-
-    def __init__(self, images: PortalImages, shares: Shares, deadline: Deadline | None, threads: int | None) -> None:
-        self._images, self._shares, self._deadline, self._threads = images, shares, deadline, threads
-        self._building = images.building
-        self.seen = np.zeros(len(self._building.scene), bool)
-        self.places: list[int] = []
-        self.views: list[PortalView] = []
-        self.open: set[int] = set()
-
-    def enter(self, place: int, cone: Cone, used: frozenset[int], entered: bool = False) -> None:
-        """Draws a cell, and looks through its portals."""
-        building = self._building
-        self.places.append(place)
-        _add(building, self.seen, place, cone)
-        if entered and place < len(building.cells) and building.cells[place].shut:
-            return
-        for index in building._doors[place]:
-            if index in used:
-                continue
-            opening = cone.clip(building.portals[index].polygon)
-            if len(opening) < 3:
-                continue
-            number = self._images.number(index, place)
-            view = self._view(number, cone.eye, opening)
-            if view is not None:
-                self.views.append(view)
-                continue
-            narrower = cone.through(opening)
-            if narrower is not None:
-                self.open.add(index)
-                self.enter(self._images.sides[number].beyond, narrower, used | {index}, True)
-
-    def _view(self, number: int, eye: Floats, opening: Floats) -> PortalView | None:
-        """A portal as an image; None if it is geometry."""
-        images, side = self._images, self._images.sides[number]
-        if not side.before(eye) > 1e-6 * side.size:
-            return None
-        share = self._shares(number, side.distance(eye))
-        if share <= 0.0:
-            return None
-        shown = images.ready(number, eye, self._deadline, self._threads)
-        if not shown:
-            return None
-        viewpoint = images.viewpoint(shown[0])
-        place = None if side.place == len(self._building.cells) else side.place
-        faces = np.empty(0, np.uint32)
-        if share < 1.0:
-            faces = behind(self._building, number, images, eye + share * (viewpoint - eye))
-        return PortalView(side.portal, place, opening, side.corners, shown, viewpoint, share, faces)
-
-
-def behind(building: Building, number: int, images: PortalImages, eye: Floats) -> Ids:
-    """The faces that any eye sees through a whole portal, as far as the portals behind it let it."""
-    side = images.sides[number]
-    cone = Cone(eye, np.empty((0, 3)), np.empty(0)).through(side.polygon)
-    seen = np.zeros(len(building.scene), bool)
-    if cone is not None:
-        for place, part in building._views(side.beyond, cone, frozenset([side.portal]), True):
-            _add(building, seen, place, part)
-    return np.flatnonzero(seen).astype(np.uint32)
-
-
-def _add(building: Building, seen: Mask, place: int, cone: Cone) -> None:
-    faces = building.faces[place]
-    faces = faces[~seen[faces]]
-    seen[faces[~cone.misses(building._corners[faces])]] = True
+def _view(
+    images: PortalImages, number: int, eye: Floats, share: float, deadline: Deadline | None, threads: int | None
+) -> PortalView | None:
+    """A portal as an image, wholly in view; None if it is geometry."""
+    if share <= 0.0:
+        return None
+    shown = images.ready(number, eye, deadline, threads)
+    if not shown:
+        return None
+    side, viewpoint = images.sides[number], images.viewpoint(shown[0])
+    place = None if side.place == len(images.building.cells) else side.place
+    faces = np.empty(0, np.uint32)
+    if share < 1.0:
+        faces = images.building.kernel.behind((eye + share * (viewpoint - eye)).tolist(), number)
+    return PortalView(side.portal, place, side.polygon, side.corners, shown, viewpoint, share, faces)
 
 
 def draw(
