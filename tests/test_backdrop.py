@@ -13,6 +13,7 @@ from cyclorama.backdrop import (
     NOTHING,
     SURROUNDING,
     Backdrop,
+    Backdrops,
     BackdropWalk,
     backdrop,
     check_together,
@@ -243,3 +244,32 @@ def test_backdrops_that_cannot_be_shown_together_are_refused() -> None:
         check_together([ahead, at((0.5, 0, 0), (0.5, 0, -1), 3.5)])
     with pytest.raises(ValueError, match=r"backdrops\[0\] and backdrops\[2\] cut each other"):
         check_together([ahead, behind, at((-1, 0, -3), (0, 0, -3), 1.0)])
+
+
+def test_two_backdrops_back_to_back_show_what_each_shows_alone() -> None:
+    """A wall ahead, one behind, and a post before each; every pixel that one picture stands for is that picture's."""
+    wall = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], dtype=float)
+    parts = [wall - (0, 0, 5), wall + (0, 0, 5), 0.1 * wall - (0, 0, 2), 0.1 * wall + (0, 0, 2)]
+    faces = np.array([[0, 1, 2], [0, 2, 3]])
+    colors = np.repeat([[200, 0, 0], [0, 200, 0], [0, 0, 200], [200, 200, 0]], 2, axis=0).astype(np.uint8)
+    walls = cyc.Scene(np.concatenate(parts), np.concatenate([faces + 4 * k for k in range(4)]), colors)
+
+    def looking(z: float) -> cyc.Camera:
+        return cyc.Camera.look_at((0.05, 0, 0.3), (0, 0, z), fov_y=30, width=48, height=48)
+
+    drops = [
+        backdrop(walls, cyc.Camera.look_at((0, 0, 0), (0, 0, -1), fov_y=20, width=64, height=64), 3.0),
+        backdrop(walls, cyc.Camera.look_at((0, 0, 1), (0, 0, 2), fov_y=20, width=64, height=64), 3.0),
+    ]
+    together = Backdrops(drops)
+    for drop, z in zip(drops, (-5.0, 5.0), strict=True):
+        alone, both = drop.draw(looking(z)), together.draw(looking(z))
+        assert {1, 3} <= set(np.unique(alone.layer))
+        for name in ("color", "depth", "ids", "layer"):
+            np.testing.assert_array_equal(getattr(both, name), getattr(alone, name))
+    with pytest.raises(ValueError, match="both bend"):
+        Backdrops([drops[0], backdrop(walls, cyc.Camera.look_at((0.5, 0, 0), (0.5, 0, -1), fov_y=20), 3.5)])
+    with pytest.raises(ValueError, match=r"have one viewpoint and both stand for face 0: make a Strip"):
+        Backdrops([drops[0], backdrop(walls, drops[0].camera, 4.0)])
+    with pytest.raises(ValueError, match="backdrops is empty"):
+        Backdrops([])

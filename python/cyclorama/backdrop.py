@@ -22,7 +22,7 @@ from .placing import quadrilateral
 from .render import BACKGROUND
 from .scene import Scene
 
-__all__ = ["Backdrop", "BackdropWalk", "Composed", "backdrop", "check_together"]
+__all__ = ["Backdrop", "BackdropWalk", "Backdrops", "Composed", "backdrop", "check_together"]
 
 Floats = npt.NDArray[np.float64]
 Ids = npt.NDArray[np.uint32]
@@ -137,20 +137,23 @@ class Part:
 
         How many faces were drawn.
         """
-        count = 0
-        if self.near is not None:
-            count += self._add(out, self.near, out.camera, 1.0, None, NEAR, None)
+        count = 0 if self.near is None else self.add(out, self.near, out.camera, 1.0, None, NEAR, None)
+        return count + self.draw_beyond(out, from_eye, image)
+
+    def draw_beyond(self, out: Composed, from_eye: Floats, image: bool) -> int:
+        """As `draw`, without what is before the plane."""
         covered = self._draw_image(out) if image else None
         faces = self.beside if image else None
-        if self.beyond is not None and (faces is None or len(faces)):
-            bent, scale = bent_camera(self.plane.seen_from(from_eye), out.camera)
-            count += self._add(out, self.beyond, bent, scale, faces, SURROUNDING, covered)
-        return count
+        if self.beyond is None or (faces is not None and not len(faces)):
+            return 0
+        bent, scale = bent_camera(self.plane.seen_from(from_eye), out.camera)
+        return self.add(out, self.beyond, bent, scale, faces, SURROUNDING, covered)
 
     @staticmethod
-    def _add(
+    def add(
         out: Composed, cut: Cut, camera: Camera, scale: float, faces: Ids | None, layer: int, but: Mask | None
     ) -> int:
+        """Draws a part's faces, all by default, elsewhere than in the pixels `but`; how many."""
         view = cut.scene.render(camera, faces)
         within = None if but is None else ~but
         canvas, names = out.canvas, np.ascontiguousarray(cut.faces, np.uint32)
@@ -203,6 +206,8 @@ class Backdrop:
     ----------
     plane : ImagePlane
         The quadrilateral and the eye.
+    part : Part
+        The scene on both sides of it.
     near, image, surrounding : (K,) ndarray of uint32
         Faces of the scene that have a part in each; one that is cut, or crosses the border, is in several.
 
@@ -234,19 +239,19 @@ class Backdrop:
             )
         self.scene = scene
         self.camera = camera
-        self._part = Part(scene, np.arange(len(scene), dtype=np.uint32), self.plane, camera)
+        self.part = Part(scene, np.arange(len(scene), dtype=np.uint32), self.plane, camera)
 
     @property
     def near(self) -> Ids:
-        return _faces(self._part.near)
+        return _faces(self.part.near)
 
     @property
     def image(self) -> Ids:
-        return _faces(self._part.beyond, self._part.hidden)
+        return _faces(self.part.beyond, self.part.hidden)
 
     @property
     def surrounding(self) -> Ids:
-        return _faces(self._part.beyond, self._part.beside)
+        return _faces(self.part.beyond, self.part.beside)
 
     def draw(self, camera: Camera, *, share: float = 1.0) -> Composed:
         """The scene with the backdrop, as another camera sees it.
@@ -276,7 +281,7 @@ class Backdrop:
             raise ValueError(f"share must lie in [0, 1], got {share}")
         self.plane.distance(camera.eye)
         out = Composed.empty(camera)
-        out.faces = self._part.draw(out, camera.eye + share * (self.plane.eye - camera.eye), share == 1.0)
+        out.faces = self.part.draw(out, camera.eye + share * (self.plane.eye - camera.eye), share == 1.0)
         return out
 
     def in_view(self, camera: Camera) -> bool:
@@ -345,7 +350,7 @@ def check_together(backdrops: Sequence[Backdrop]) -> None:
         for i, first in enumerate(backdrops[:j]):
             if _cut_each_other(first.plane.corners, second.plane.corners):
                 raise ValueError(f"the quadrilaterals of backdrops[{i}] and backdrops[{j}] cut each other")
-            if np.allclose(first.plane.eye, second.plane.eye, rtol=0, atol=_ON_PLANE * first.plane.height):
+            if _of_one_viewpoint(first, second):
                 continue
             shown = [np.union1d(drop.image, drop.surrounding) for drop in (first, second)]
             shared = np.union1d(
@@ -356,6 +361,85 @@ def check_together(backdrops: Sequence[Backdrop]) -> None:
                     f"backdrops[{i}] and backdrops[{j}] have different viewpoints and both bend {len(shared)} faces, "
                     f"face {shared[0]} among them: show one of them, or take both from one viewpoint"
                 )
+
+
+class Backdrops:
+    """Several backdrops of a scene, of different viewpoints, shown together (section 5.2.2).
+
+    Parameters
+    ----------
+    backdrops : sequence of Backdrop
+        At least one; for several of one viewpoint, side by side, see `cyclorama.strip.Strip`.
+
+    Raises
+    ------
+    ValueError
+        As for `check_together`; and if there is none, they are not of one scene, or two of one viewpoint stand for the
+        same faces.
+
+    Examples
+    --------
+    >>> import cyclorama as cyc
+    >>> scene = cyc.scenes.pipes(2_000)
+    >>> camera = cyc.Camera.look_at(scene.center + (0, 0, 3), scene.center, width=64, height=48)
+    >>> Backdrops([backdrop(scene, camera, 3.0)]).draw(camera).faces < len(scene)
+    True
+    """
+
+    def __init__(self, backdrops: Sequence[Backdrop]) -> None:
+        self.backdrops = list(backdrops)
+        if not self.backdrops:
+            raise ValueError("backdrops is empty: there is nothing to show")
+        scene = self.backdrops[0].scene
+        for index, drop in enumerate(self.backdrops):
+            if drop.scene is not scene:
+                raise ValueError(f"backdrops[{index}] is of another scene than backdrops[0]")
+        check_together(self.backdrops)
+        shown = [np.union1d(drop.image, drop.surrounding) for drop in self.backdrops]
+        for j, second in enumerate(self.backdrops):
+            for i, first in enumerate(self.backdrops[:j]):
+                shared = np.intersect1d(shown[i], shown[j])
+                if _of_one_viewpoint(first, second) and len(shared):
+                    raise ValueError(
+                        f"backdrops[{i}] and backdrops[{j}] have one viewpoint and both stand for face {shared[0]}: "
+                        "make a Strip of them"
+                    )
+        near: Cut | None = Cut(scene, np.arange(len(scene), dtype=np.uint32))
+        for drop in self.backdrops:
+            if near is not None:
+                plane = drop.plane
+                near = cut(near.scene, near.faces, -plane.normal, -plane.offset, _ON_PLANE * plane.height)
+        self._near = near
+
+    def draw(self, camera: Camera) -> Composed:
+        """The scene with all of them, as a camera sees it.
+
+        Parameters
+        ----------
+        camera : Camera
+            A pinhole camera whose eye is in front of all their planes.
+
+        Returns
+        -------
+        Composed
+
+        Raises
+        ------
+        ValueError
+            If the eye is not in front of a plane, or the camera is orthographic.
+        """
+        out = Composed.empty(camera)
+        for drop in self.backdrops:
+            drop.plane.distance(camera.eye)
+        if self._near is not None:
+            out.faces += Part.add(out, self._near, camera, 1.0, None, NEAR, None)
+        for drop in self.backdrops:
+            out.faces += drop.part.draw_beyond(out, drop.plane.eye, True)
+        return out
+
+
+def _of_one_viewpoint(first: Backdrop, second: Backdrop) -> bool:
+    return np.allclose(first.plane.eye, second.plane.eye, rtol=0, atol=_ON_PLANE * first.plane.height)
 
 
 def _cut_each_other(first: Floats, second: Floats) -> bool:

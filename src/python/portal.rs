@@ -3,7 +3,7 @@
 use super::arrays::{row_major, rows_of};
 use super::interrupt;
 use crate::portal::cone::{Cone, Plane};
-use crate::portal::winding::Solid;
+use crate::portal::winding::winding as winding_of;
 use crate::portal::{Building, Portal, Walk};
 use glam::DVec3;
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
@@ -195,19 +195,19 @@ fn invalid(text: String) -> PyErr {
 
 /// A surface, to ask how often it winds around points.
 #[pyclass(name = "Solid", frozen)]
-pub struct PySolid(Solid);
+pub struct PySolid(Vec<[DVec3; 3]>);
 
 #[pymethods]
 impl PySolid {
     /// `triangles` (T, 9): three corners each.
     #[new]
     fn new(triangles: PyReadonlyArray2<'_, f64>) -> PyResult<Self> {
-        Ok(Self(Solid::new(&triangles_of("triangles", &triangles)?)))
+        triangles_of("triangles", &triangles).map(Self)
     }
 
     /// How often it winds around a point.
     fn winding(&self, py: Python<'_>, point: [f64; 3]) -> PyResult<f64> {
-        interrupt::brief(py, None, |_| Ok(self.0.winding(point.into())))
+        interrupt::brief(py, None, |_| Ok(winding_of(&self.0, point.into())))
     }
 }
 

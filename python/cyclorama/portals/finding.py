@@ -34,6 +34,20 @@ Labels = npt.NDArray[np.int32]
 #: Cubes of a grid whose size is not given.
 _CUBES = 2_000_000
 
+#: Cubes of the grid in which it is looked how high rooms are.
+_COARSE = 500_000
+
+#: Of the places in rooms so many per cent are at most as high or narrow as what is taken for a room's height; measured:
+#: furniture stands in the others.
+_MOST = 75.0
+
+#: The widest opening that separates rooms, as a share of their height, where it isn't given: 2.2 of 2.6 m, more than
+#: doors and windows have.
+_DOOR = 0.85
+
+#: And of how high eyes are: 2.2 of 1.6 m.
+_DOOR_OF_EYES = 1.375
+
 #: Bytes a cube takes while rooms are searched: masks, distances with the nearest cube's indices, labels.
 _BYTES_A_CUBE = 48
 
@@ -69,10 +83,15 @@ class Found:
 
 
 def find(
-    scene: Scene, door: float | None, voxel: float | None, max_bytes: float, report: Callable[[int], object]
+    scene: Scene,
+    door: float | None,
+    voxel: float | None,
+    eye_height: float | None,
+    max_bytes: float,
+    report: Callable[[int], object],
 ) -> Found:
     """What `Building.find` documents."""
-    grid, door = _grid(scene, door, voxel, max_bytes)
+    grid, door = _grid(scene, door, voxel, eye_height, max_bytes)
     pairs = pairs_of(grid, np.asarray(scene.vertices, np.float64)[scene.faces], report)
     solid = np.zeros(grid.shape, bool)
     solid.reshape(-1)[pairs.voxels] = True
@@ -88,26 +107,64 @@ def find(
     return Found(cells, portals, rooms, _faces(rooms, pairs, len(scene)))
 
 
-def _grid(scene: Scene, door: float | None, voxel: float | None, max_bytes: float) -> tuple[Grid, float]:
+def _grid(
+    scene: Scene, door: float | None, voxel: float | None, eye_height: float | None, max_bytes: float
+) -> tuple[Grid, float]:
     sides = scene.bounds[1] - scene.bounds[0]
-    for name, value in (("door", door), ("voxel", voxel), ("max_bytes", max_bytes)):
+    given = (("door", door), ("voxel", voxel), ("eye_height", eye_height), ("max_bytes", max_bytes))
+    for name, value in given:
         if value is not None and not (np.isfinite(value) and value > 0):
             raise ValueError(f"{name} must be a positive number, got {value!r}")
-    if voxel is None:
-        voxel = float((np.maximum(sides, sides.max() / 100).prod() / _CUBES) ** (1 / 3))
-        voxel = min(voxel, door / 10) if door is not None else voxel
     if door is None:
-        door = 0.2 * float(np.sort(sides)[1])
-    if door < 3 * voxel:
-        raise ValueError(f"a door of {door:g} is less than three voxels of {voxel:g} wide: give a smaller voxel=")
+        door = _DOOR * _height(scene) if eye_height is None else _DOOR_OF_EYES * eye_height
+    automatic = voxel is None
+    if voxel is None:
+        voxel = min(_cube(sides, _CUBES), door / 10)
     cubes = float((sides / voxel + door / voxel + 8).prod())
     if cubes * _BYTES_A_CUBE > max_bytes:
         least = voxel * (cubes * _BYTES_A_CUBE / max_bytes) ** (1 / 3)
+        # What is added around the scene doesn't shrink with it: a little more than that.
+        if automatic and 1.05 * least < door / 3:
+            return _grid(scene, door, 1.05 * least, None, max_bytes)
         raise ValueError(
             f"voxels of {voxel:g} are {cubes:.3g} for this scene and would take {cubes * _BYTES_A_CUBE / 1e9:.1f} GB: "
             f"give a voxel= of {least:.3g} or more, or a larger max_bytes="
         )
+    if door < 3 * voxel:
+        raise ValueError(f"a door of {door:g} is less than three voxels of {voxel:g} wide: give a smaller voxel=")
     return Grid.around(scene.bounds, voxel, ceil(door / voxel / 2) + 3), door
+
+
+def _cube(sides: Floats, count: int) -> float:
+    """The side of so many cubes that fill a box."""
+    return float((np.maximum(sides, sides.max() / 100).prod() / count) ** (1 / 3))
+
+
+def _height(scene: Scene) -> float:
+    """How high rooms are: the shortest way through them along an axis.
+
+    Of free cubes that have faces on all six sides, however far, three in four are in places as low or narrow.
+    """
+    grid = Grid.around(scene.bounds, _cube(scene.bounds[1] - scene.bounds[0], _COARSE), 1)
+    pairs = pairs_of(grid, np.asarray(scene.vertices, np.float64)[scene.faces], lambda _: None)
+    solid = np.zeros(grid.shape, bool)
+    solid.reshape(-1)[pairs.voxels] = True
+    least = np.full(grid.shape, np.inf)
+    for axis in _AXES:
+        along = np.moveaxis(solid, axis, 0)
+        at = np.arange(len(along))[:, None, None]
+        before = np.maximum.accumulate(np.where(along, at, -(len(along) ** 2)), axis=0)
+        after = np.minimum.accumulate(np.where(along, at, len(along) ** 2)[::-1], axis=0)[::-1]
+        length = np.where(after - before < len(along), after - before - 1.0, np.nan)
+        # NaN stays: beyond the last face there is no room.
+        least = np.minimum(least, np.moveaxis(length, 0, axis))
+    inside = least[~solid & np.isfinite(least)]
+    if not len(inside):
+        raise ValueError(
+            "no place in the scene has faces all around it, so how large its rooms are cannot be told: give door=, "
+            "the widest opening that separates rooms, or eye_height="
+        )
+    return float(np.percentile(inside, _MOST)) * grid.step
 
 
 def _basins(solid: Flags, door: float) -> Labels:
