@@ -9,7 +9,7 @@ import pytest
 
 import cyclorama as cyc
 from cyclorama.portals import Building
-from cyclorama.portals.finding import _narrowest
+from cyclorama.portals.finding import _height, _narrowest
 from cyclorama.portals.voxels import FILLED, Grid, pairs_of
 from peers import need
 from test_portals import lost
@@ -152,6 +152,23 @@ def test_where_no_room_is_found_it_says_what_to_set() -> None:
     ):
         with pytest.raises(ValueError, match=match):
             Building.find(two, progress=False, **options)
+
+
+def test_how_wide_doors_are_is_taken_from_the_rooms_whatever_the_unit() -> None:
+    """A small house, whose doors are a third as wide as it is deep, in metres and in inches."""
+    need("scipy")
+    house = cyc.scenes.house(rooms=2, seed=0)
+    assert _height(house) == pytest.approx(2.5, abs=0.15)
+    inches = cyc.Scene(np.asarray(house.vertices) * 39.37, house.faces)
+    assert _height(inches) == pytest.approx(39.37 * _height(house), rel=1e-6)
+    for scene, options in ((house, {"voxel": 0.08}), (inches, {"voxel": 3.2, "eye_height": 63.0})):
+        found = Building.find(scene, progress=False, **options)
+        assert (len(found.cells), len(found.portals)) == (2, len(house.portals))
+    flat = cyc.Scene([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
+    with pytest.raises(ValueError, match=r"no place in the scene has faces all around it.* give door="):
+        Building.find(flat, progress=False)
+    with pytest.raises(ValueError, match="eye_height must be a positive number, got 0"):
+        Building.find(house, eye_height=0, progress=False)
 
 
 def test_progress_counts_faces_and_an_eye_in_a_wall_is_nowhere(home: Building) -> None:
