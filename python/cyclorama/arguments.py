@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
-__all__ = ["check_threads", "checked_choice", "checked_number", "checked_pair", "checked_sequence"]
+__all__ = ["as_numpy", "check_threads", "checked_choice", "checked_number", "checked_pair", "checked_sequence"]
 
 T = TypeVar("T")
+
+
+def as_numpy(value: Any) -> Any:
+    """An array of another library as NumPy's, by DLPack and without a copy; anything else as it is."""
+    if hasattr(value, "__dlpack__") and not isinstance(value, (np.ndarray, np.generic)):
+        return np.from_dlpack(value)
+    return value
 
 
 def check_threads(threads: object) -> None:

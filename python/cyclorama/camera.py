@@ -16,6 +16,8 @@ from typing import Any, NamedTuple, SupportsIndex
 import numpy as np
 import numpy.typing as npt
 
+from .arguments import as_numpy
+
 __all__ = ["Camera", "CameraArrays", "stack"]
 
 Floats = npt.NDArray[np.float64]
@@ -630,7 +632,7 @@ def _side(name: str, value: SupportsIndex) -> int:
 
 def _array(name: str, value: npt.ArrayLike, shape: tuple[int, ...] | None = None) -> Floats:
     try:
-        array = np.array(value, dtype=np.float64, order="C")
+        array = np.array(as_numpy(value), dtype=np.float64, order="C")
     except (TypeError, ValueError):
         raise ValueError(f"{name} must be an array of numbers, got {value!r}") from None
     if shape is not None and array.shape != shape:

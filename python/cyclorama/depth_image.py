@@ -25,6 +25,7 @@ import numpy.typing as npt
 
 from . import _core
 from .archives import read_archive, write_archive
+from .arguments import as_numpy
 from .camera import Camera
 from .render import View
 
@@ -618,7 +619,7 @@ def _shape_of(camera: Camera) -> tuple[int, int]:
 
 
 def _numbers(name: str, values: npt.ArrayLike) -> Floats:
-    array = np.asarray(values)
+    array = np.asarray(as_numpy(values))
     if array.dtype.kind not in "fiu":
         raise ValueError(f"{name} must be real numbers, got dtype {array.dtype}")
     return array.astype(np.float64)
@@ -639,21 +640,21 @@ def _refuse(name: str, values: Floats, wrong: Mask, why: str) -> None:
 
 
 def _mask(missing: npt.ArrayLike, shape: tuple[int, int]) -> Mask:
-    array = np.asarray(missing)
+    array = np.asarray(as_numpy(missing))
     if array.shape != shape or array.dtype != np.bool_:
         raise ValueError(f"missing must be {shape} bool, as the camera has, got {array.shape} {array.dtype}")
     return array
 
 
 def _ids(ids: npt.ArrayLike, shape: tuple[int, int]) -> Ids:
-    array = np.asarray(ids)
+    array = np.asarray(as_numpy(ids))
     if array.shape != shape or array.dtype != np.uint32:
         raise ValueError(f"ids must be {shape} uint32, as the camera has, got {array.shape} {array.dtype}")
     return array
 
 
 def _color(color: npt.ArrayLike, shape: tuple[int, ...]) -> Bytes:
-    array = np.asarray(color)
+    array = np.asarray(as_numpy(color))
     if array.ndim != 3 or array.shape[:2] != shape or array.shape[2] not in (3, 4) or array.dtype != np.uint8:
         height, width = shape
         raise ValueError(f"color must be ({height}, {width}, 3 or 4) uint8, got {array.shape} {array.dtype}")

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from . import _core
 from . import parts as scene_parts
+from .arguments import as_numpy
 from .bitfield import Bitfields
 from .camera import Camera
 from .depth_image import DepthImage
@@ -239,7 +240,7 @@ def _own(array: npt.NDArray[Any], dtype: npt.DTypeLike) -> npt.NDArray[Any]:
 
 
 def _vertices(vertices: npt.ArrayLike) -> npt.NDArray[np.floating]:
-    array = np.asarray(vertices)
+    array = np.asarray(as_numpy(vertices))
     if array.ndim != 2 or array.shape[1] != 3:
         raise ValueError(f"vertices must have shape (V, 3), got {array.shape}")
     if array.dtype.kind == "c":
@@ -253,7 +254,7 @@ def _vertices(vertices: npt.ArrayLike) -> npt.NDArray[np.floating]:
 
 
 def _faces(faces: npt.ArrayLike, vertex_count: int) -> npt.NDArray[np.uint32]:
-    array = np.asarray(faces)
+    array = np.asarray(as_numpy(faces))
     if array.ndim != 2 or array.shape[1] != 3:
         raise ValueError(f"faces must have shape (F, 3), got {array.shape}")
     if len(array) == 0:
@@ -267,7 +268,7 @@ def _faces(faces: npt.ArrayLike, vertex_count: int) -> npt.NDArray[np.uint32]:
 
 
 def _colors(colors: npt.ArrayLike, vertex_count: int, face_count: int) -> npt.NDArray[np.uint8]:
-    array = np.asarray(colors)
+    array = np.asarray(as_numpy(colors))
     if array.ndim != 2 or array.shape[1] != 3 or array.dtype != np.uint8:
         raise ValueError(f"colors must be (V, 3) or (F, 3) uint8, got {array.shape} {array.dtype}")
     if len(array) not in (vertex_count, face_count):
@@ -276,7 +277,7 @@ def _colors(colors: npt.ArrayLike, vertex_count: int, face_count: int) -> npt.ND
 
 
 def _mask(mask: npt.ArrayLike, face_count: int) -> npt.NDArray[np.bool_]:
-    array = np.asarray(mask)
+    array = np.asarray(as_numpy(mask))
     if array.shape != (face_count,) or array.dtype != np.bool_:
         raise ValueError(f"transparent must be ({face_count},) bool, got {array.shape} {array.dtype}")
     return _own(array, array.dtype)
