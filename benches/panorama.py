@@ -16,6 +16,7 @@ import numpy as np
 
 import cyclorama as cyc
 from cyclorama.panorama import BuiltIn, Survey, Track
+from cyclorama.panorama.viewing import resample, seen_between
 
 DATA = Path(__file__).parents[1].parent / "shared" / "data"
 
@@ -70,7 +71,7 @@ def spacious():
     return scene, Track([(-20.0, 1.7, 0.0), (-14.0, 1.7, 0.0)]), (0, 1, 0)
 
 
-def tables(name, scene, track, up, size, views, references):
+def tables(name, scene, track, up, size, views, references, alphas):
     start = time.perf_counter()
     places = np.linspace(0, 1, references)
     # As far apart whatever their number.
@@ -84,7 +85,7 @@ def tables(name, scene, track, up, size, views, references):
     )
     print("method  alpha  slab   tiles    kept  culled    paper    bytes     kept")
     for method in ("exact", "paper"):
-        rows = survey.table(method, (1.0, 0.9, 0.8))
+        rows = survey.table(method, alphas)
         for row in rows:
             theirs = f"{paper[row.alpha][row.slab - 2]:5.1f} %" if row.slab > 1 else "      -"
             print(
@@ -107,7 +108,7 @@ def tables(name, scene, track, up, size, views, references):
             f"{64e6 * references / stored:.0f} culled; in 512 MB of decoded tiles and quads: "
             f"{512e6 * references / before_raw:.0f} and {512e6 * references / kept_raw:.0f}"
         )
-        for alpha in (1.0, 0.9, 0.8) if views else ():
+        for alpha in alphas if views else ():
             lost = survey.losses(method, alpha, views=views, counts_tiles=method == "paper", progress=False)
             wrong = (
                 "" if lost.tiles_wrong is None else f", {lost.tiles_wrong} of {lost.tiles_dropped} dropped tiles seen"
@@ -119,46 +120,58 @@ def tables(name, scene, track, up, size, views, references):
             )
 
 
-def quality(name, scene, track, up, size):
-    """PSNR and holes of views half-way between two references."""
+def quality(name, scene, track, up, size, shares, counts):
+    """PSNR and holes of views half-way between two references; and what the reference's own view has of resolution."""
     print(f"\n{name}: views half-way between references; spacing in shares of the median range")
     renderer = BuiltIn(scene, texture=partial(cyc.quality.paint, grain=scene.radius / 40))
     panorama = cyc.panorama.Projection(size=size, up=up)
     layer = renderer.render(track.at(0.0), panorama, 0.0, np.inf)
     median = float(np.median(layer.range[layer.opacity]))
     whole = np.dstack([layer.color, np.where(layer.opacity, 255, 0).astype(np.uint8)])
+    right, _, back = panorama.axes
+
+    def compared(eye, draw):
+        """Decibels and holes of six views around an eye."""
+        decibels, holes = [], []
+        for turn in np.arange(6) * np.pi / 3:
+            ahead = np.sin(turn) * right - np.cos(turn) * back
+            camera = cyc.Camera.look_at(eye, eye + ahead, up=up, fov_y=55, width=480, height=360)
+            color, hole = draw(camera)
+            points = cyc.DepthImage.from_view(scene.render(camera)).points()
+            known = np.isfinite(points).all(axis=-1)
+            if known.any():
+                truth = renderer.texture(points.reshape(-1, 3)).reshape(*known.shape, 3)
+                decibels.append(cyc.quality.psnr(color, truth, where=known))
+                holes.append(hole.mean())
+        return decibels, holes
+
+    def own(camera):
+        color, known = resample(whole, panorama, camera)
+        return color, ~known
+
+    decibels, _ = compared(track.at(0.0), own)
+    print(f"the unsplit panorama itself, from its viewpoint: {np.mean(decibels):.1f} dB, worst {min(decibels):.1f}")
     survey = Survey(renderer, track, 3, size, places=[0.0, 1.0], up=up, progress=False)
-    composed = survey.references[0].panorama()
-    off = np.mean((composed.astype(float) - whole) ** 2)
-    print(f"at a reference, composed slabs differ from the unsplit panorama by {off:.3g} levels, mean square")
-    print("spacing  slabs    dB   worst   holes   ms a view")
+    off = np.mean((survey.references[0].panorama().astype(float) - whole) ** 2)
+    print(f"composed slabs differ from it by {off:.3g} levels, mean square", flush=True)
+    print("spacing  slabs    dB   worst   holes")
     lines = {}
-    for share in (0.025, 0.05, 0.1, 0.2):
+    for share in shares:
         step = share * median
         if step > track.length:
             continue
         stretch = Track(track.at([0.0, step / track.length]))
-        for slabs in (1, 2, 3, 4, 5):
+        for slabs in counts:
             survey = Survey(renderer, stretch, slabs, size, places=[0.0, 1.0], up=up, progress=False)
-            decibels, holes, seconds = [], [], []
-            eye = stretch.at(0.5)
-            right, _, back = panorama.axes
-            for turn in np.arange(6) * np.pi / 3:
-                ahead = np.sin(turn) * right - np.cos(turn) * back
-                camera = cyc.Camera.look_at(eye, eye + ahead, up=up, fov_y=55, width=480, height=360)
-                start = time.perf_counter()
-                seen = cyc.panorama.viewing.seen_between(survey.references, 0.5, panorama, camera, (0, 0, 0))
-                seconds.append(time.perf_counter() - start)
-                points = cyc.DepthImage.from_view(scene.render(camera)).points()
-                known = np.isfinite(points).all(axis=-1)
-                if known.any():
-                    truth = renderer.texture(points.reshape(-1, 3)).reshape(*known.shape, 3)
-                    decibels.append(cyc.quality.psnr(seen.color, truth, where=known))
-                    holes.append(seen.hole.mean())
+
+            def between(camera, references=survey.references):
+                seen = seen_between(references, 0.5, panorama, camera, (0, 0, 0))
+                return seen.color, seen.hole
+
+            decibels, holes = compared(stretch.at(0.5), between)
             lines.setdefault(slabs, []).append((share, np.mean(decibels)))
             print(
-                f"{share:7.3f}  {slabs:5d} {np.mean(decibels):5.1f} {min(decibels):7.1f} {np.mean(holes):7.3%} "
-                f"{np.median(seconds) * 1e3:11.0f}",
+                f"{share:7.3f}  {slabs:5d} {np.mean(decibels):5.1f} {min(decibels):7.1f} {np.mean(holes):7.3%}",
                 flush=True,
             )
     return lines
@@ -171,7 +184,7 @@ def chart(found, path):
     figure, panels = plt.subplots(1, len(found), figsize=(4.5 * len(found), 3.4), sharey=True, squeeze=False)
     for panel, (name, lines) in zip(panels[0], found.items(), strict=True):
         for slabs, points in lines.items():
-            shares, decibels = np.transpose(points)
+            shares, decibels = np.transpose(sorted(points))
             panel.plot(100 * shares, decibels, marker="o", markersize=3, label=f"{slabs} slab{'s' * (slabs > 1)}")
         panel.axhline(30, color="grey", linewidth=0.8, linestyle=":")
         panel.set(title=name, xscale="log", xlabel="spacing, % of the median range")
@@ -188,7 +201,10 @@ def main():
     parser.add_argument("--quick", action="store_true", help="panoramas of 1024 x 256, few references")
     parser.add_argument("--views", type=int, default=500, help="drawn with and without culling; 0 counts no losses")
     parser.add_argument("--references", type=int)
+    parser.add_argument("--alphas", type=float, nargs="+", default=[1.0, 0.9, 0.8])
     parser.add_argument("--scene", choices=("castle", "open", "level"))
+    parser.add_argument("--shares", type=float, nargs="+", default=[0.025, 0.05, 0.1, 0.2], help="spacings")
+    parser.add_argument("--slabs", type=int, nargs="+", default=[1, 2, 3, 4, 5])
     parser.add_argument("--chart", type=Path, help="where to draw what --part quality finds")
     parser.add_argument("--size", type=int, help="columns of the panoramas; rows are a quarter")
     parser.add_argument("--part", choices=("tables", "quality"))
@@ -201,9 +217,9 @@ def main():
             continue
         scene, track, up = made
         if given.part in (None, "tables"):
-            tables(name, scene, track, up, size, given.views, references)
+            tables(name, scene, track, up, size, given.views, references, given.alphas)
         if given.part in (None, "quality"):
-            found[name] = quality(name, scene, track, up, size)
+            found[name] = quality(name, scene, track, up, size, given.shares, given.slabs)
     if given.chart and found:
         chart(found, given.chart)
 
