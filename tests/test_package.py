@@ -51,7 +51,7 @@ def test_the_lines_of_the_readme_run(tmp_path, monkeypatch, capsys):
         lines = lines.replace(written, small)
     monkeypatch.chdir(tmp_path)
     exec(compile(lines, "README.md", "exec"), {})
-    assert {path.name for path in tmp_path.iterdir()} == {"bunny.npz", "tradeoff.png", "proof.npz", "backdrops"}
+    assert {path.name for path in tmp_path.iterdir()} == {"bunny.npz", "tradeoff.png", "proof.npz", "backdrops", "walk"}
     said = capsys.readouterr().out
     assert "culled on average" in said
     assert "% hole" in said and "violations=0" in said
