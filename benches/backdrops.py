@@ -1,7 +1,7 @@
 """Walks with backdrops: every display beside the true pictures, what a frame costs, and what could be stored once.
 
     python benches/backdrops.py [--quick] [--budget 0.2] [--faces 1000000] [--frames 200] [--until 0] [--folder DIR]
-        [--scenes ...]
+        [--scenes ...] [--plain] [--picture FILE]
 
 A plan is placed, then a seeded path at 510 x 480 is drawn in the displays of the 1998 dissertation's section 1.4.1 and
 compared with the whole scene drawn from the same eyes, everything painted with a solid texture: flat faces would hide
@@ -12,7 +12,9 @@ painted twice.
 nearest. PSNR, `holes` and `lost` (something deeper is shown) are over those. `behind` is the PSNR over all pixels that
 truly show what the image stands for. Popping, jump and step are in grey levels of 255. *half a pixel* is what the truth
 itself loses when it is drawn half a pixel beside: no picture that is sampled anew can be much better. `--until` ends
-the walk after so many of its frames.
+the walk after so many of its frames. `--picture` writes the last one: the truth, which pixels show the backdrop, and
+the layered image; below, one image warped, flat, and with geometry bent to it (`--plain` in the
+scene's own colours).
 
 Then: how much of an image's samples the one taken nearest to it has as well.
 """
@@ -24,6 +26,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 
 import bench
 import cyclorama as cyc
@@ -57,6 +60,8 @@ def main() -> None:
         faces=1_000_000,
         frames=200,
         until=0,
+        plain=False,
+        picture="",
         folder="",
         scenes=["pipes", "sibenik"],
     )
@@ -69,7 +74,9 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as temporary:
         for name in options.scenes:
             scene, box, grain = settings[name]
-            folder = Path(options.folder or temporary) / f"{name}-{len(scene)}-{options.budget:g}"
+            folder = (
+                Path(options.folder or temporary) / f"{name}-{len(scene)}-{options.budget:g}{'-plain' * options.plain}"
+            )
             folder.mkdir(parents=True, exist_ok=True)
             plan, placed = planned(scene, int(options.budget * len(scene)), folder / "plan.npz")
             region = np.clip(box, *plan.domain)
@@ -79,7 +86,7 @@ def main() -> None:
                 folder,
                 region=region,
                 construction=options.construction,
-                color=Texture(grain),
+                color=None if options.plain else Texture(grain),
             )
             low, high = region
             eyes, _ = walking.path(low, high, frames, seed=1)
@@ -97,6 +104,8 @@ def main() -> None:
                 f"{half_a_pixel(backdrops, eyes[::20], gazes[::20]):.1f} dB"
             )
             bench.show(title, [shown(row) for row in rows])
+            if options.picture:
+                picture(backdrops, eyes[-1], gazes[-1], Path(options.picture))
             bench.show(f"{name}: samples that the image taken nearest has too", [overlap(backdrops, used)])
             backdrops.close()
 
@@ -115,6 +124,17 @@ def painted(backdrops: Backdrops) -> list[cyc.LayeredDepthImage]:
     """The layered images that are in the folder."""
     keys = [key for index in range(len(backdrops.plan.images)) for key in backdrops.leaves(index)]
     return [backdrops.store.get(key) for key in keys if backdrops.store.has(key)]
+
+
+def picture(backdrops: Backdrops, eye: np.ndarray, gaze: np.ndarray, path: Path) -> None:
+    """A frame as it truly is, which of its pixels show the backdrop, and in the displays; holes are magenta."""
+    size = (SIZE[0] * 2 // 3, SIZE[1] * 2 // 3)
+    drawn = [backdrops.draw(eye, gaze, size, display=display) for display in ("ldi", "warp", "quad", "geometry")]
+    truth = backdrops.color(backdrops.scene.render(drawn[0].camera))
+    pale = np.where(drawn[0].backdrop[..., None], truth, (0.35 * truth + 160).astype(np.uint8))
+    shown = [np.where(frame.hole[..., None], np.array([255, 0, 255], np.uint8), frame.color) for frame in drawn]
+    rows = [np.hstack([truth, pale, shown[0]]), np.hstack(shown[1:])]
+    Image.fromarray(np.vstack(rows)).save(path)
 
 
 def half_a_pixel(backdrops: Backdrops, eyes: np.ndarray, gazes: np.ndarray) -> float:
