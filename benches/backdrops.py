@@ -13,8 +13,7 @@ nearest. PSNR, `holes` and `lost` (something deeper is shown) are over those. `b
 truly show what the image stands for. Popping, jump and step are in grey levels of 255. *half a pixel* is what the truth
 itself loses when it is drawn half a pixel beside: no picture that is sampled anew can be much better. `--until` ends
 the walk after so many of its frames. `--picture` writes the last one: the truth, which pixels show the backdrop, and
-the layered image; below, one image warped, flat, and with geometry bent to it (`--plain` in the
-scene's own colours).
+the layered image; below, one image warped, flat, and with geometry bent to it (`--plain`: in the scene's colours).
 
 Then: how much of an image's samples the one taken nearest to it has as well.
 """
