@@ -20,9 +20,10 @@ PAGES := python/cyclorama/pages/visibility.js
 demo: $(VENV)/.demo $(VENV)/.built
 	$(BIN)/cyclorama demo $(or $(MESH),$(wildcard ../shared/data/bunny.ply))
 
-# Kernel tests only: the crate has no doctest that runs, and without --lib it is compiled twice.
+# Kernel tests only: the crate has no doctest that runs, and without --lib it is compiled twice. Panics say where they are
+# without debug information, which takes long to write.
 test: lint pages
-	cargo test --quiet --lib
+	CARGO_PROFILE_TEST_DEBUG=false cargo test --quiet --lib
 	$(BIN)/python -m pytest
 
 bench: $(VENV)/.test $(VENV)/.built target/embree16
