@@ -489,3 +489,28 @@ def test_projected_pieces_refuse_what_they_cannot_do():
     for options in ({"cull": "exact"}, {"cull": "paper"}, {"order": "occlusion"}):
         with pytest.raises(ValueError, match="splat='projected' needs"):
             layered.warp(layered.camera, splat="projected", **options)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_wanted_pixels_are_the_same_whatever_is_left_out(backdrops, seed):
+    rng = np.random.default_rng(seed)
+    layered = backdrops.store.get(seed % 2)
+    eye = layered.camera.eye + rng.normal(size=3) * (0.0, 0.1, 0.4)[seed % 3]
+    ahead = layered.camera.forward + rng.normal(size=3) * 0.3
+    camera = Camera.look_at(eye, eye + ahead, width=101, height=77, fov_y=rng.uniform(20, 80))
+    if seed > 3:
+        camera = camera.replace(near=1.0)
+    whole = layered.warp(camera, splat="projected")
+    assert (~whole.hole).mean() > 0.1
+    rows, columns = np.mgrid[:77, :101]
+    masks = [rows < 0, rng.random((77, 101)) < 0.002, (rows > 40) & (columns < 30), rows >= 0]
+    for wanted in masks:
+        some = layered.warp(camera, splat="projected", where=wanted)
+        for name in ("color", "depth", "hole", "exact"):
+            np.testing.assert_array_equal(getattr(some, name)[wanted], getattr(whole, name)[wanted])
+    # Nothing is wanted, nothing is drawn.
+    assert layered.warp(camera, splat="projected", where=masks[0]).hole.all()
+    with pytest.raises(ValueError, match="where has 6 pixels"):
+        layered.warp(camera, splat="projected", where=np.ones((2, 3), np.bool_))
+    with pytest.raises(ValueError, match="where= is for splat='projected'"):
+        layered.warp(camera, splat=3, where=masks[0])
