@@ -467,3 +467,16 @@ def is_seen(plan, viewpoint, gaze, point):
     x, y, z = (point - viewpoint) @ np.column_stack([right, np.cross(right, forward), forward])
     tan = np.tan(np.radians(plan.fov_x / 2)) * z + 1e-9
     return abs(x) <= tan and abs(y) <= tan / plan.aspect
+
+
+def test_an_image_serves_with_others_until_the_eye_comes_to_its_plane(plan):
+    several, images = plan._several, plan.images
+    own = len(images) - plan.shell
+    for index in range(own):
+        viewpoint, forward = plan.viewpoints[images.viewpoint[index]], images.forward[index]
+        distance = (images.corners[index, 0] - viewpoint) @ forward
+        yaw, pitch = plan.angles(forward)
+        for share, serves in ((0.01, True), (0.99, True), (1.01, False), (3.0, False), (-0.01, False)):
+            assert (index in several.serving(viewpoint + share * distance * forward, yaw, pitch)) == serves
+    # One of the shell would stand for all.
+    assert several.serving(plan.domain.mean(axis=0), 0.0, 0.0).max(initial=-1) < own
