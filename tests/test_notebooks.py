@@ -18,4 +18,8 @@ def test_the_notebook_runs(path):
     client.NotebookClient(notebook, timeout=300, kernel_name="python3").execute()
     outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
     assert any("image/png" in output.get("data", {}) for output in outputs), "no chart was drawn"
-    assert any("<table>" in output.get("data", {}).get("text/html", "") for output in outputs)
+    text = [cell["source"] for cell in notebook.cells if cell["cell_type"] == "markdown"]
+    assert text[0].split("\n")[0].endswith("?"), "a notebook is a question"
+    assert any(
+        "| ---" in str(output) or "<table>" in str(output) or output.get("name") == "stdout" for output in outputs
+    )
