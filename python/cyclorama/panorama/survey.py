@@ -78,9 +78,10 @@ class Losses:
         Of all views.
     lost : int
         Pixels that show nothing, or a surface a twentieth farther away, instead of what the view with all tiles shows;
-        where the built-in renderer draws, only those of them that show a surface a twentieth farther than the scene's,
-        too. (Quads move surfaces by their stated error. Where two slabs have the same surface, the nearer copy may be
-        dropped, and the one that stays be the truer one.)
+        where the built-in renderer draws, only those that were right before and are farther than what the scene has
+        there. (Quads move surfaces by their stated error: where two slabs have the same surface, the nearer copy may
+        be dropped, and the one that stays be the truer one. Near a panorama's upper and lower edge, where near
+        surfaces are cut off, views with all tiles show what the scene hides.)
     changed : int
         Pixels whose colour differs, lost ones with them: where slabs overlap a surface is in both, and its edge falls
         half a pixel elsewhere when one of the two is dropped.
@@ -314,10 +315,10 @@ class Survey:
                 whole = seen_between(full[pair], between, self.projection, camera, (255, 0, 255))
                 less = seen_between(culled[pair], between, self.projection, camera, (255, 0, 255))
                 changed += int(np.count_nonzero((whole.color != less.color).any(axis=-1)))
-                farther = less.depth > _FARTHER * whole.depth
+                differs = (less.depth > _FARTHER * whole.depth) | (less.hole & ~whole.hole)
                 if isinstance(self._renderer, BuiltIn):
-                    farther &= less.depth > _FARTHER * self._renderer.scene.render(camera).depth
-                differs = farther | (less.hole & ~whole.hole)
+                    there = _FARTHER * self._renderer.scene.render(camera).depth
+                    differs &= (whole.depth <= there) & (less.depth > there)
                 pixels = int(np.count_nonzero(differs))
                 lost += pixels
                 hit += pixels > 0
