@@ -168,6 +168,7 @@ impl PyLayered {
 
     /// Warps to a camera, each sample as large as the piece of surface that it stands for.
     #[pyo3(signature = (camera, out, wanted=None, background=None, keep=false, threads=None))]
+    #[expect(clippy::too_many_arguments, reason = "one keyword each in Python")]
     fn warp_patches(
         &self,
         py: Python<'_>,
