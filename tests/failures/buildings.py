@@ -123,7 +123,7 @@ def pictures_in_doors():
                 truth = images.color(house.render(camera))
                 off.append(np.abs(drawn.color[shown].astype(float) - truth[shown]).mean())
         curve[step] = float(np.mean(off))
-    assert len(off) >= 6 and curve[60] > 1.2 * curve[10], curve
+    assert len(off) >= 6 and curve[60] > 1.1 * curve[10], curve
     return Shown(
         "degrees between viewpoints",
         "mean error of a colour in pictures, of 255",
