@@ -417,18 +417,14 @@ impl Plan<'_> {
         window: &View<'_>,
         covered: &mut Covered,
     ) -> Result<bool, u8> {
-        let mut hides = |reach| match self.manner.order {
-            Order::Depth => window.hides(reach, self.size, self.manner.radius > 0),
-            Order::Occlusion => covered.covers(window, reach),
-        };
         match map.place(self.tiles, chunk, window) {
             Place::Outside => Err(OUTSIDE),
             Place::Within(reach) => {
-                if hides(&reach) {
-                    Err(HIDDEN)
-                } else {
-                    Ok(reach.seen)
-                }
+                let hidden = match self.manner.order {
+                    Order::Depth => window.hides(&reach, self.size, self.manner.radius > 0),
+                    Order::Occlusion => covered.covers(window, &reach),
+                };
+                if hidden { Err(HIDDEN) } else { Ok(reach.seen) }
             }
             Place::Anywhere => Ok(false),
         }
