@@ -31,6 +31,8 @@ def row(name: str, layered: LayeredDepthImage, camera: Camera, rounds: int) -> s
             "none": lambda: layered.warp(camera, out=out, threads=1),
             "exact": lambda: layered.warp(camera, cull="exact", out=culled, threads=1),
             "paper": lambda: layered.warp(camera, cull="paper", out=paper, threads=1),
+            "none, depth": lambda: layered.warp(camera, order="zbuffer", out=out, threads=1),
+            "exact, depth": lambda: layered.warp(camera, order="zbuffer", cull="exact", out=culled, threads=1),
         },
         rounds,
     )
@@ -38,7 +40,7 @@ def row(name: str, layered: LayeredDepthImage, camera: Camera, rounds: int) -> s
     return (
         f"| {name} | {layered.samples:,} | {per_pixel:.2f} | {exact.stats.eliminated:.1%} | {faults.eliminated:.1%} | "
         f"{faults.visible_culled:.2%} | {faults.invisible_kept:.1%} | {ms['none']:.2f} | {ms['exact']:.2f} | "
-        f"{ms['paper']:.1f} |"
+        f"{ms['paper']:.1f} | {ms['none, depth']:.2f} | {ms['exact, depth']:.2f} |"
     )
 
 
@@ -53,6 +55,8 @@ COLUMNS = [
     "none, ms",
     "exact, ms",
     "paper, ms",
+    "depth buffer, ms",
+    "exact, ms",
 ]
 HEADER = f"\n| {' | '.join(COLUMNS)} |\n|{' --- |' * len(COLUMNS)}"
 

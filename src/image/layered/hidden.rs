@@ -8,7 +8,7 @@
 use super::cracks::STEP;
 use super::tile_map::Reach;
 use super::view::View;
-use crate::image::warp::canvas::{nearness, word};
+use crate::image::warp::canvas::{Word, nearness, word};
 
 /// Sides of the blocks of pixels of which it is remembered that they are covered.
 const SIDE: usize = 8;
@@ -37,14 +37,39 @@ impl Covered {
                 }
                 let [x, y] = [column * SIDE, row * SIDE];
                 let [x_end, y_end] = [(x + SIDE).min(view.width), (y + SIDE).min(view.rows())];
-                if !covered(view, [x.max(left), x_end.min(right + 1)], [y.max(upper), y_end.min(lower + 1)]) {
+                // Most blocks are covered whole if they are where it is asked.
+                self.blocks[block] = covered_block(view, x, y);
+                if !self.blocks[block]
+                    && !covered(
+                        view,
+                        [x.max(left), x_end.min(right + 1)],
+                        [y.max(upper), y_end.min(lower + 1)],
+                    )
+                {
                     return false;
                 }
-                self.blocks[block] = covered(view, [x, x_end], [y, y_end]);
             }
         }
         true
     }
+}
+
+/// Whether something is drawn on all pixels of a block; of one that the border cuts, whatever there is.
+#[inline(always)]
+fn covered_block(view: &View<'_>, x: usize, y: usize) -> bool {
+    let stride = view.width + 1;
+    let [x_end, y_end] = [(x + SIDE).min(view.width), (y + SIDE).min(view.rows())];
+    if x_end - x < SIDE {
+        return covered(view, [x, x_end], [y, y_end]);
+    }
+    let mut empty = false;
+    for y in y..y_end {
+        let line: &[Word; SIDE] = view.words[y * stride + x..].first_chunk().expect("a row goes on as far");
+        for &word in line {
+            empty |= word == 0;
+        }
+    }
+    !empty
 }
 
 /// Whether something is drawn on all pixels from column to column and row to row, ends excluded.

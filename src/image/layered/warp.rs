@@ -24,7 +24,7 @@ use crate::image::warp::picture::{Background, Picture};
 use crate::render::lanes::{InstructionSet, Kernel, Lanes};
 use rayon::prelude::*;
 use std::ops::Range;
-use std::sync::atomic::{AtomicU8, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Rows that are drawn, and in which is looked up, by themselves where hidden samples are left out: so few that two
 /// threads have as much to do on small pictures, and always the same, so that what is left out is.
@@ -206,7 +206,7 @@ pub fn draw(
         rows: order(&mapping, 1, tiles.rows),
         manner,
         size: [width, height],
-        fates: if culls { tiles.chunks.iter().map(|_| AtomicU8::new(OUTSIDE)).collect() } else { Vec::new() },
+        fates: if culls { tiles.chunks.iter().map(|_| Fate::default()).collect() } else { Vec::new() },
     };
     let set = InstructionSet::best();
     canvas.bands(rows).enumerate().par_bridge().try_for_each(|(band, words)| {
@@ -218,10 +218,12 @@ pub fn draw(
     let mut fates = Fates::default();
     for (chunk, fate) in tiles.chunks.iter().zip(&plan.fates) {
         let count = chunk.samples().len();
-        match fate.load(Ordering::Relaxed) {
-            OUTSIDE => fates.outside += count,
-            HIDDEN => fates.hidden += count,
-            _ => fates.drawn += count,
+        if fate.drawn.load(Ordering::Relaxed) {
+            fates.drawn += count;
+        } else if fate.hidden.load(Ordering::Relaxed) {
+            fates.hidden += count;
+        } else {
+            fates.outside += count;
         }
     }
     if !culls {
@@ -230,9 +232,32 @@ pub fn draw(
     Ok(fates)
 }
 
-const OUTSIDE: u8 = 0;
-const HIDDEN: u8 = 1;
-const DRAWN: u8 = 2;
+/// What became of a chunk in any band.
+#[derive(Default)]
+struct Fate {
+    hidden: AtomicBool,
+    drawn: AtomicBool,
+}
+
+/// What becomes of samples in a band.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Verdict {
+    Outside,
+    Hidden,
+    Drawn,
+}
+
+impl Fate {
+    /// Bands set what holds for them: no order among them matters.
+    #[inline(always)]
+    fn set(&self, verdict: Verdict) {
+        match verdict {
+            Verdict::Outside => {}
+            Verdict::Hidden => self.hidden.store(true, Ordering::Relaxed),
+            Verdict::Drawn => self.drawn.store(true, Ordering::Relaxed),
+        }
+    }
+}
 
 /// What all bands share.
 struct Plan<'a> {
@@ -243,8 +268,8 @@ struct Plan<'a> {
     rows: Vec<usize>,
     manner: Manner,
     size: [usize; 2],
-    /// Of each chunk, in any band.
-    fates: Vec<AtomicU8>,
+    /// Of each chunk.
+    fates: Vec<Fate>,
 }
 
 struct Draw<'a, 'b> {
@@ -337,12 +362,10 @@ impl Plan<'_> {
         let all = &self.tiles.chunks[chunks.clone()];
         let fates = &self.fates[chunks.clone()];
         let whole = self.whole(&chunks);
-        let mark = |fates: &[AtomicU8], fate: u8| {
-            fates.iter().for_each(|of| _ = of.fetch_max(fate, Ordering::Relaxed));
-        };
+        let mark = |fates: &[Fate], verdict| fates.iter().for_each(|fate| fate.set(verdict));
         let seen = match self.left_out(map, &whole, window, covered) {
             Ok(seen) => seen,
-            Err(fate) => return mark(fates, fate),
+            Err(why) => return mark(fates, why),
         };
         let behind = self.behind(whole.samples());
         if behind < whole.end as usize {
@@ -352,7 +375,7 @@ impl Plan<'_> {
                 if why.is_none() {
                     self.put::<First>(map, part.samples(), window, fallen, false, seen);
                 }
-                fate.fetch_max(why.unwrap_or(DRAWN), Ordering::Relaxed);
+                fate.set(why.unwrap_or(Verdict::Drawn));
             }
         }
         let mut left = all.partition_point(|chunk| (chunk.start as usize) < behind);
@@ -362,7 +385,7 @@ impl Plan<'_> {
             left -= 1;
             let chunk = Chunk { end: all[left].end.min(behind as u32), ..all[left] };
             if !asks {
-                mark(&fates[left..=left], DRAWN);
+                fates[left].set(Verdict::Drawn);
                 asks = left == 0 || run - chunk.start >= SURFACE;
                 if asks {
                     self.put::<First>(map, chunk.start as usize..run as usize, window, fallen, true, seen);
@@ -370,14 +393,14 @@ impl Plan<'_> {
                 continue;
             }
             let why = self.left_out(map, &chunk, window, covered).err();
-            mark(&fates[left..=left], why.unwrap_or(DRAWN));
+            fates[left].set(why.unwrap_or(Verdict::Drawn));
             if why.is_none() {
                 self.put::<First>(map, chunk.samples(), window, fallen, true, seen);
             } else if left > 0
                 && let rest = all[left - 1].and_before(whole.start)
-                && let Err(fate) = self.left_out(map, &rest, window, covered)
+                && let Err(why) = self.left_out(map, &rest, window, covered)
             {
-                return mark(&fates[..left], fate);
+                return mark(&fates[..left], why);
             }
         }
     }
@@ -416,15 +439,15 @@ impl Plan<'_> {
         chunk: &Chunk,
         window: &View<'_>,
         covered: &mut Covered,
-    ) -> Result<bool, u8> {
+    ) -> Result<bool, Verdict> {
         match map.place(self.tiles, chunk, window) {
-            Place::Outside => Err(OUTSIDE),
+            Place::Outside => Err(Verdict::Outside),
             Place::Within(reach) => {
                 let hidden = match self.manner.order {
                     Order::Depth => window.hides(&reach, self.size, self.manner.radius > 0),
                     Order::Occlusion => covered.covers(window, &reach),
                 };
-                if hidden { Err(HIDDEN) } else { Ok(reach.seen) }
+                if hidden { Err(Verdict::Hidden) } else { Ok(reach.seen) }
             }
             Place::Anywhere => Ok(false),
         }
