@@ -1,6 +1,7 @@
 """Where warps of pictures with depth fail. Holes are drawn magenta."""
 
 import numpy as np
+import pytest
 
 import cyclorama as cyc
 from cyclorama import Camera, DepthImage, LayeredDepthImage, quality, warp
@@ -346,5 +347,48 @@ def a_one_pixel_image():
         "pixels of 81 left open",
         {"open": curve},
         "Splats of 1 and 3 pixels leave 80 and 72 of 9 x 9 pixels open, those as large as the sample none.",
+        pictures,
+    )
+
+
+@failure(
+    "Extreme disparity",
+    method="Warps and splats",
+    source="the range of float32",
+    remedy="Depths from 1e-30 to 1e30 are taken, others refused; what stays is drawn where float64 says.",
+)
+def extreme_disparity():
+    """Depths sixty powers of ten apart: a move leaves the nearer ones behind, and holes where they were."""
+    size = (120, 90)
+    here = looking((0, 0, 0), size=size)
+    rng = np.random.default_rng(0)
+    color = rng.integers(0, 256, (size[1], size[0], 3), dtype=np.uint8)
+    image = DepthImage(color, 10.0 ** rng.uniform(-30, 30, size[::-1]), here)
+    holes, lost, pictures = {}, {}, {}
+    for power in (20, 10, 0, -10, -20):
+        away = 10.0**power
+        there = looking((away, 0.3 * away, -0.1 * away), size=size)
+        out = warp.forward(image, there, splat=1)
+        at = warp.map(here, there, image.depth)
+        inside = np.isfinite(at).all(axis=-1) & (at >= 0).all(axis=-1) & (at < size).all(axis=-1)
+        x, y = np.floor(at[inside]).astype(int).T
+        holes[f"1e{power}"] = 100 * float(out.hole.mean())
+        lost[f"1e{power}"] = 100 * float(out.hole[y, x].mean())
+        pictures[f"moved 1e{power}"] = shown(out)
+        # What is nearer than the move leaves the picture; a hundred times as far it moves by less than a pixel.
+        noise = 5 * 0.5 / np.sqrt(image.depth.size)
+        assert (power + 30) / 60 - noise < out.hole.mean() < (power + 32) / 60 + noise
+        assert lost[f"1e{power}"] == 0
+    still = warp.forward(image, here, splat=1)
+    assert not still.hole.any() and (still.color == color).all()
+    for value in (1e-31, 1e31):
+        with pytest.raises(ValueError, match="from 1e-30 to 1e"):
+            plain(here, value)
+    return Shown(
+        "distance moved",
+        "% of the pixels",
+        {"holes": holes, "lost": lost},
+        f"Holes grow by a sixtieth with each power of ten: {holes['1e-20']:.0f} % to {holes['1e20']:.0f} %. Of "
+        "the samples that fall into the picture none is lost.",
         pictures,
     )
