@@ -243,15 +243,20 @@ impl<'a, L: Lanes, const PERSPECTIVE: bool> Near<'a, L, PERSPECTIVE> {
     }
 }
 
-/// A plane's value at a block's middle, and by how much more it is somewhere within [`RING`] of its samples.
+/// A plane's value at a block's middle, and by how much more it is somewhere within [`RING`] of its samples, where it may
+/// have been rounded in another order.
 #[inline(always)]
 fn over(view: &View, block: &PixelBox, n: &DVec3) -> (f64, f64) {
     let (left, right) = (view.column(block.x.start), view.column(block.x.end - 1));
     let (top, bottom) = (view.row(block.y.start), view.row(block.y.end - 1));
     let (across, down) = (0.5 * (right - left) + RING, 0.5 * (bottom - top) + RING);
-    let value = n.x * (0.5 * (left + right)) + n.y * (0.5 * (top + bottom)) + n.z;
-    (value, n.x.abs() * across + n.y.abs() * down)
+    let (x, y) = (0.5 * (left + right), 0.5 * (top + bottom));
+    let size = n.x.abs() * (x.abs() + across) + n.y.abs() * (y.abs() + down) + n.z.abs();
+    (n.x * x + n.y * y + n.z, n.x.abs() * across + n.y.abs() * down + ROUNDING * size)
 }
+
+/// Of two sums of three terms each, of the sum of their sizes.
+const ROUNDING: f64 = 8.0 * f64::EPSILON;
 
 /// A plane over the image.
 #[inline(always)]
