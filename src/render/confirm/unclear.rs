@@ -187,8 +187,6 @@ struct Near<'a, L: Lanes, const PERSPECTIVE: bool> {
     triangle: &'a Triangle,
     edges: [[L; 3]; 3],
     plane: [L; 3],
-    /// The nearest of all.
-    bound: f64,
 }
 
 impl<'a, L: Lanes, const PERSPECTIVE: bool> Near<'a, L, PERSPECTIVE> {
@@ -198,13 +196,11 @@ impl<'a, L: Lanes, const PERSPECTIVE: bool> Near<'a, L, PERSPECTIVE> {
         let edge = |n: DVec3| [L::splat(n.x), L::splat(n.y), L::splat(n.z + RING * (n.x.abs() + n.y.abs()))];
         let n = triangle.plane;
         let reach = RING * (n.x.abs() + n.y.abs());
-        let (bound, reach) =
-            if PERSPECTIVE { (triangle.range[1], reach) } else { (triangle.range[0], -reach) };
+        let reach = if PERSPECTIVE { reach } else { -reach };
         Self {
             triangle,
             edges: [edge(e0), edge(e1), edge(e2)],
             plane: [L::splat(n.x), L::splat(n.y), L::splat(n.z + reach)],
-            bound,
         }
     }
 
@@ -220,9 +216,9 @@ impl<'a, L: Lanes, const PERSPECTIVE: bool> Near<'a, L, PERSPECTIVE> {
     #[inline(always)]
     fn nearest(&self, view: &View, block: &PixelBox) -> u64 {
         let (value, reach) = over(view, block, &self.triangle.plane);
-        let value =
-            if PERSPECTIVE { (value + reach).min(self.bound) } else { (value - reach).max(self.bound) };
-        Nearness(value).key(view.projection) | tag(0)
+        let value = if PERSPECTIVE { value + reach } else { value - reach };
+        let [low, high] = self.triangle.range;
+        Nearness(value.max(low).min(high)).key(view.projection) | tag(0)
     }
 
     /// Which of some samples lie within [`RING`] of the face, and which are nearer than all of it within that.
@@ -234,9 +230,9 @@ impl<'a, L: Lanes, const PERSPECTIVE: bool> Near<'a, L, PERSPECTIVE> {
         let mut close = at(&self.edges[0], x, y).ge(zero);
         close = L::and(close, at(&self.edges[1], x, y).ge(zero));
         close = L::and(close, at(&self.edges[2], x, y).ge(zero));
-        let value = at(&self.plane, x, y);
-        let bound = L::splat(self.bound);
-        let value = if PERSPECTIVE { value.min(bound) } else { value.max(bound) };
+        // As samples are: of a face parallel to the image rounding alone would tell.
+        let [low, high] = self.triangle.range;
+        let value = at(&self.plane, x, y).max(L::splat(low)).min(L::splat(high));
         let value = value.max(L::splat(KEY_RANGE[0])).min(L::splat(KEY_RANGE[1]));
         let words = L::words::<PERSPECTIVE>(value, L::splat_word(tag(0)));
         (L::bits(close), L::bits(L::greater(samples, words)))
