@@ -30,6 +30,7 @@ from cyclorama.panorama import (
 from cyclorama.panorama.culling import eyes_around
 from cyclorama.panorama.slicing import OVERLAP, closed_step
 from cyclorama.panorama.viewing import resample, seen_between
+from failures.scenes import fence
 
 
 @pytest.fixture(scope="module")
@@ -417,15 +418,6 @@ def test_codecs_are_lossless(house, eye, tmp_path):
     np.testing.assert_array_equal(*(store.panorama(1) for store in stores))
     with pytest.raises(ValueError, match="codec must be"):
         bake_small(house, eye, tmp_path / "jpg", codec="jpg")
-
-
-def fence():
-    """Posts close before a wall: what is behind them changes with the eye."""
-    wall = np.array([(-20, -8, -4), (20, -8, -4), (20, 8, -4), (-20, 8, -4)], float)
-    post = np.array([(0, -4, -1), (0.15, -4, -1), (0.15, 4, -1), (0, 4, -1)])
-    quads = np.stack([wall, *(post + [x, 0, 0] for x in np.arange(-6, 6.1, 0.5))])
-    corners = np.arange(4 * len(quads)).reshape(-1, 4)
-    return cyc.Scene(quads.reshape(-1, 3), corners[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3))
 
 
 def test_references_stand_where_errors_want_them():
