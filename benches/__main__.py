@@ -8,8 +8,10 @@ from __future__ import annotations
 import argparse
 import subprocess
 import sys
-import time
+from functools import partial
 from pathlib import Path
+
+from cyclorama import lab
 
 HERE = Path(__file__).resolve().parent
 SCRIPTS = sorted(path.stem for path in HERE.glob("*.py") if path.stem not in ("__main__", "bench", "rivals"))
@@ -25,11 +27,11 @@ def main() -> int:
         parser.error(f"there is no {unknown[0]}: choose from {', '.join(SCRIPTS)}")
     failed = []
     for name in asked.names or SCRIPTS:
-        start = time.perf_counter()
         command = [sys.executable, str(HERE / f"{name}.py"), *(["--quick"] if asked.quick else [])]
-        if subprocess.run(command, check=False).returncode:
+        done, seconds = lab.elapsed(partial(subprocess.run, command, check=False))
+        if done.returncode:
             failed.append(name)
-        print(f"\n({name}: {time.perf_counter() - start:.0f} s)", flush=True)
+        print(f"\n({name}: {seconds:.0f} s)", flush=True)
     if failed:
         print(f"failed: {', '.join(failed)}", file=sys.stderr)
     return 1 if failed else 0

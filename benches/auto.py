@@ -9,15 +9,15 @@ over the better engine's.
 
 from __future__ import annotations
 
-import statistics
-import time
 from collections.abc import Iterator
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
 
 import cyclorama as cyc
 from bench import around, cores, options, scene, show, tori
+from cyclorama import lab
 
 Engine = Literal["raster", "raycast", "auto"]
 ENGINES: tuple[Engine, ...] = ("raster", "raycast", "auto")
@@ -50,18 +50,10 @@ def settings(chosen: Any) -> Iterator[tuple[str, cyc.Scene, list[cyc.Camera]]]:
 
 def race(subject: cyc.Scene, cameras: list[cyc.Camera], rounds: int, threads: int) -> dict[str, float]:
     """Median milliseconds a view of each engine, in turn round by round; short calls are repeated to fill 10 ms."""
-
-    def run(engine: Engine, times: int) -> float:
-        start = time.perf_counter()
-        for _ in range(times):
-            subject.visible(cameras, fill=None, engine=engine, threads=threads)
-        return (time.perf_counter() - start) / times / len(cameras) * 1e3
-
-    for engine in ENGINES:
-        run(engine, 1)
-    repeats = {engine: max(1, int(10 / (run(engine, 1) * len(cameras)))) for engine in ENGINES}
-    samples = [{engine: run(engine, repeats[engine]) for engine in ENGINES} for _ in range(rounds)]
-    return {engine: statistics.median(sample[engine] for sample in samples) for engine in ENGINES}
+    see = partial(subject.visible, cameras, fill=None, threads=threads)
+    jobs = {engine: partial(see, engine=engine) for engine in ENGINES}
+    times = lab.medians(jobs, rounds, warm_up=2, at_least=0.01)
+    return {engine: ms / len(cameras) for engine, ms in times.items()}
 
 
 def main() -> None:

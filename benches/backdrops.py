@@ -21,7 +21,7 @@ Then: how much of an image's samples the one taken nearest to it has as well.
 from __future__ import annotations
 
 import tempfile
-import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +29,7 @@ from PIL import Image
 
 import bench
 import cyclorama as cyc
-from cyclorama import quality
+from cyclorama import lab, quality
 from cyclorama.lab import Row
 from cyclorama.placement import Plan, walking
 from cyclorama.placement.backdrops import Backdrops
@@ -111,12 +111,11 @@ def main() -> None:
 
 def planned(scene: cyc.Scene, budget: int, path: Path) -> tuple[Plan, float]:
     """A plan, from its file if it is there, and the seconds to place it."""
-    start = time.perf_counter()
     if path.exists():
         return Plan.load(path, scene), 0.0
-    plan = cyc.place_images(scene, budget=budget, progress=False)
+    plan, seconds = lab.elapsed(partial(cyc.place_images, scene, budget=budget, progress=False))
     plan.save(path)
-    return plan, time.perf_counter() - start
+    return plan, seconds
 
 
 def painted(backdrops: Backdrops) -> list[cyc.LayeredDepthImage]:

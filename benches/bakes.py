@@ -13,16 +13,17 @@ from __future__ import annotations
 
 import argparse
 import tempfile
-import time
 from collections.abc import Callable
 from copy import copy
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 import bench
 import cyclorama as cyc
+from cyclorama import lab
 from cyclorama.bakes.confidence import bootstrap_interval
 from cyclorama.bakes.evaluation import random_directions
 
@@ -101,9 +102,7 @@ def default_bakes(data: Path, jobs: list[tuple[str, int]], views: int, seed: int
     print("| --- | --- | --- | --- | --- | --- | --- | --- | --- |")
     for name, count in jobs:
         scene = cyc.load(data / f"{name}.ply")
-        begin = time.perf_counter()
-        vis = cyc.bake(scene, views=count, progress=False)
-        seconds = time.perf_counter() - begin
+        vis, seconds = lab.elapsed(partial(cyc.bake, scene, views=count, progress=False))
         judged = judge(scene)
         corners = corner_union(vis)
         ours, theirs = (missed(v, scene, judged, views, seed).mean() for v in (vis, corners))
@@ -137,9 +136,8 @@ def papers(data: Path, names: list[str]) -> None:
 def promises(data: Path, names: list[str], max_missed: float, views: int, seed: int) -> None:
     for name in names or ["bunny"]:
         scene = cyc.load(data / f"{name}.ply")
-        begin = time.perf_counter()
-        vis = cyc.bake(scene, max_missed=max_missed, progress=False)
-        print(f"{name}: {vis} in {time.perf_counter() - begin:.0f} s\n  {vis.statement}", flush=True)
+        vis, seconds = lab.elapsed(partial(cyc.bake, scene, max_missed=max_missed, progress=False))
+        print(f"{name}: {vis} in {seconds:.0f} s\n  {vis.statement}", flush=True)
         judged = judge(scene)
         for distance in (1.0, 1.5, 4.0):
             shares = missed(vis, scene, judged, views, seed, distance)

@@ -6,7 +6,6 @@ import argparse
 import os
 import platform
 import sys
-import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -163,15 +162,14 @@ def bandwidth(megabytes: int = 256) -> dict[str, dict[str, float]]:
             "copy": (2, lambda part: np.copyto(part[0], part[1])),
             "read": (1, lambda part: np.bitwise_or.reduce(part[0])),
         }
+        size = sum(part[0].nbytes for part in parts) / 1e9
         with ThreadPoolExecutor(threads) as pool:
-            rows[title] = {}
-            for name, (passes, job) in jobs.items():
-                times = []
-                for _ in range(9):
-                    start = time.perf_counter()
-                    list(pool.map(job, parts))
-                    times.append(time.perf_counter() - start)
-                rows[title][name] = passes * sum(part[0].nbytes for part in parts) / min(times) / 1e9
+
+            def timed(name: str, pool: ThreadPoolExecutor = pool, parts: Any = parts, jobs: Any = jobs) -> Any:
+                return lambda: list(pool.map(jobs[name][1], parts))
+
+            found = lab.sweep({"name": jobs}, timed=timed, rounds=9, errors="raise", progress=False)
+        rows[title] = {row["name"]: jobs[row["name"]][0] * size / min(row["times"]) for row in found}
     return rows
 
 

@@ -10,7 +10,6 @@ for the others.
 from __future__ import annotations
 
 import lzma
-import time
 import zlib
 from collections.abc import Callable
 
@@ -18,7 +17,7 @@ import numpy as np
 
 import bench
 import cyclorama as cyc
-from cyclorama import bitfield
+from cyclorama import bitfield, lab
 
 
 def cameras(scene: cyc.Scene, level: int) -> list[cyc.Camera]:
@@ -36,12 +35,8 @@ def permutation(order: np.ndarray) -> bytes:
 
 
 def timed(call: Callable[[], object], rounds: int) -> tuple[object, float]:
-    times = []
-    for _ in range(rounds):
-        start = time.perf_counter()
-        result = call()
-        times.append(time.perf_counter() - start)
-    return result, float(np.median(times))
+    """What a call gives, and the median of its seconds."""
+    return call(), lab.medians({"call": call}, rounds, warm_up=0)["call"] / 1e3
 
 
 def rows_of(name: str, bits: cyc.Bitfields, order: np.ndarray, rounds: int) -> list[dict[str, object]]:

@@ -14,13 +14,14 @@ in the camera's frustum. The floor plans show the cut at the eye's height, porta
 from __future__ import annotations
 
 import json
-import time
+from functools import partial
 
 import numpy as np
 import open3d as o3d
 
 import bench
 import cyclorama as cyc
+from cyclorama import lab
 from cyclorama.portals import Building
 from cyclorama.portals.cones import Cone
 
@@ -78,9 +79,8 @@ def walked(building: Building, eyes: np.ndarray, up: int, rng: np.random.Generat
         camera = cyc.Camera.look_at(eye, eye + gaze, np.eye(3)[up], fov_y=50, width=96, height=72)
         rays = np.concatenate(camera.rays(), axis=-1).astype(np.float32)
         seen = np.unique(caster.cast_rays(o3d.core.Tensor(rays))["primitive_ids"].numpy())
-        start = time.perf_counter()
-        answer = building.visible(camera)
-        times.append(time.perf_counter() - start)
+        answer, seconds = lab.elapsed(partial(building.visible, camera))
+        times.append(seconds)
         lost += not np.isin(seen[seen != cyc.BACKGROUND], answer).all()
         drawn.append(len(answer) / len(scene))
         share.append(len(answer) / max(int((~Cone.of(camera).misses(corners)).sum()), 1))
@@ -126,9 +126,7 @@ def main() -> None:
     heights = {"house": 1.3, "fzk_haus": 1.4, "q3_20kdm2": 240.0}
     for panel, (name, (given, up)) in zip(panels, SETTINGS.items(), strict=True):
         scene = cyc.scenes.house(rooms=8, seed=0) if name == "house" else bench.scene(options.meshes, name)
-        start = time.perf_counter()
-        building = Building.find(scene, **given, progress=False)
-        seconds = time.perf_counter() - start
+        building, seconds = lab.elapsed(partial(Building.find, scene, **given, progress=False))
         middles, doors = truth(name, options.meshes, scene)
         row = {"scene": name, "seconds": round(seconds, 1), "cells": len(building.cells)}
         row["portals"] = len(building.portals)

@@ -13,11 +13,13 @@ from __future__ import annotations
 import tempfile
 import time
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 import bench
 import cyclorama as cyc
+from cyclorama import lab
 from cyclorama.lab import Row
 from cyclorama.placement import Plan, check, walking
 from cyclorama.placement.backdrops import Backdrops
@@ -48,9 +50,8 @@ def drawn(plan: Plan, eyes: np.ndarray, gazes: np.ndarray, count: int) -> Row:
     several, faces, images, times = replace(plan, images_per_frame=count), [], [], []
     out = np.empty(plan.budget, np.uint32)
     for eye, gaze in zip(eyes, gazes, strict=True):
-        start = time.process_time()
-        frame = several.frame(eye, gaze, out)
-        times.append(1e3 * (time.process_time() - start))
+        frame, seconds = lab.elapsed(partial(several.frame, eye, gaze, out), clock=time.process_time)
+        times.append(1e3 * seconds)
         if frame.image is not None:
             faces.append(len(frame.faces))
             images.append(len(frame.images))

@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import functools
 import gzip
-import time
 from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import Any
@@ -79,9 +78,7 @@ def interior(scene: cyc.Scene, place: tuple[Vector, Vector, Vector], size: Size,
     reach, wave = 0.1 * mean, grain * size[0] / SIZE[0] * mean / inner.K[0, 0]
     corners = quadrilateral(inner, max(reach, 0.9 * float(depth.min())))
     cameras = construction_cameras(inner.eye, corners, reach, size, margin=0.1)
-    start = time.perf_counter()
-    images = [quality.textured(scene, camera, grain=wave) for camera in cameras]
-    rendered = time.perf_counter() - start
+    images, rendered = lab.elapsed(lambda: [quality.textured(scene, camera, grain=wave) for camera in cameras])
     turn = inner.world_to_camera[:3, :3]
     extent = 2 * np.abs([turn @ (camera.eye - inner.eye) for camera in cameras[1:]]).max(axis=0)
     return Interior(scene, inner, images, wave, extent, rendered)
@@ -114,9 +111,7 @@ def compressed(layered: LayeredDepthImage) -> str:
 def row(name: str, at: Interior, rounds: int, views: int) -> dict[str, Any]:
     """What becomes of the nine images of a place."""
     images = at.images
-    start = time.perf_counter()
-    layered = LayeredDepthImage.build(images[0], images[1:])
-    built = time.perf_counter() - start
+    layered, built = lab.elapsed(functools.partial(LayeredDepthImage.build, images[0], images[1:]))
 
     def against_nine(targets: list[tuple[Camera, DepthImage]]) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
         """Errors and holes of one image, the layered one and all nine, in each of some views."""

@@ -1,6 +1,6 @@
 """Efficient and conventional hierarchical culling: figure 7-2 of the 1998 dissertation, storage, and seconds.
 
-    python benches/octree.py [--quick] [--frames 200] [--seed 0]
+    python benches/octree.py [--quick] [--frames 200] [--seed 0] [--rounds 3]
 
 The path is closed and lies inside the scene's box: the middle, and on each axis three waves of periods 1, 1/2 and 1/3
 with seeded phases and amplitudes that add up to 0.8 of half the box. The eye looks where it goes, level at most 30
@@ -14,13 +14,13 @@ The dissertation's machine room drew 60 % of what conventional culling drew.
 
 from __future__ import annotations
 
-import time
+from functools import partial
 
 import numpy as np
 
 import bench
 import cyclorama as cyc
-from cyclorama import charts, octree
+from cyclorama import charts, lab, octree
 from cyclorama.octree import Octree
 
 #: Frames that an image serves; the share of the field that it covers; its distance over the scene's radius.
@@ -61,7 +61,7 @@ def figure(name: str, scene: cyc.Scene, options: object) -> list[dict]:
     conventional, efficient = Octree(scene, "conventional", progress=False), Octree(scene, progress=False)
     room = np.empty(5 * len(scene), np.uint32)
     counts: dict[str, list[int]] = {"frustum alone": [], "conventional": [], "efficient": []}
-    alone, times, tiled = [], {"conventional": 0.0, "efficient": 0.0}, 0
+    alone, seen, tiled = [], [], 0
     corners = None
     for number, camera in enumerate(walk(scene, frames, seed, UP.get(name, (0, 1, 0)))):
         if number % SERVES == 0:
@@ -71,10 +71,12 @@ def figure(name: str, scene: cyc.Scene, options: object) -> list[dict]:
         tiled += ahead
         counts["frustum alone"].append(conventional.cull(camera, out=room).drawn)
         alone.append(efficient.cull(camera, out=room).drawn)
-        for kind, tree in (("conventional", conventional), ("efficient", efficient)):
-            start = time.perf_counter()
-            counts[kind].append(tree.cull(regions, out=room).drawn)
-            times[kind] += time.perf_counter() - start
+        seen.append(regions)
+    jobs = {}
+    for kind, tree in (("conventional", conventional), ("efficient", efficient)):
+        counts[kind] = [tree.cull(regions, out=room).drawn for regions in seen]
+        jobs[kind] = lambda tree=tree: [tree.cull(regions, out=room) for regions in seen]
+    times = lab.medians(jobs, options.rounds)
     charts.lines(
         {kind: (np.arange(frames), values) for kind, values in counts.items()},
         x="frame",
@@ -91,17 +93,15 @@ def figure(name: str, scene: cyc.Scene, options: object) -> list[dict]:
         "alone, efficient": round(np.mean(alone)),
         "efficient / conventional": means["efficient"] / means["conventional"],
         "worst frame": max(e / c for e, c in zip(counts["efficient"], counts["conventional"], strict=True) if c),
-        "ms conventional": 1e3 * times["conventional"] / frames,
-        "ms efficient": 1e3 * times["efficient"] / frames,
+        "ms conventional": times["conventional"] / frames,
+        "ms efficient": times["efficient"] / frames,
     }
 
 
 def built(name: str, scene: cyc.Scene) -> dict:
     row: dict = {"scene": name, "faces": len(scene)}
     for kind in ("conventional", "efficient"):
-        start = time.perf_counter()
-        tree = Octree(scene, kind, progress=False)
-        row[f"{kind}, s"] = time.perf_counter() - start
+        tree, row[f"{kind}, s"] = lab.elapsed(partial(Octree, scene, kind, progress=False))
     return row | {
         "cells": tree.nodes,
         "crossing / faces": tree.crossing / len(scene),
@@ -110,7 +110,7 @@ def built(name: str, scene: cyc.Scene) -> dict:
 
 
 def main() -> None:
-    options = bench.options(__doc__, frames=200, seed=0)
+    options = bench.options(__doc__, frames=200, seed=0, rounds=3)
     meshes = ["engine_2cylinder", "sibenik", "kitchen", "fzk_haus"]
     scenes = {name: bench.scene(options.meshes, name) for name in meshes[: 2 if options.quick else None]}
     scenes["pipes"] = cyc.scenes.pipes(100_000 if options.quick else 1_000_000)

@@ -8,13 +8,13 @@ Tiles and bytes that culling keeps, what it loses, and how good views between re
 from __future__ import annotations
 
 import argparse
-import time
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 import cyclorama as cyc
+from cyclorama import lab
 from cyclorama.panorama import BuiltIn, Survey, Track
 from cyclorama.panorama.viewing import resample, seen_between
 
@@ -72,16 +72,15 @@ def spacious():
 
 
 def tables(name, scene, track, up, size, views, references, alphas):
-    start = time.perf_counter()
     places = np.linspace(0, 1, references)
     # As far apart whatever their number.
     track = Track([track.at(0.0), track.at((references - 1) / 9)])
-    survey = Survey(scene, track, 3, size, places=places, up=up, progress=False)
+    survey, seconds = lab.elapsed(partial(Survey, scene, track, 3, size, places=places, up=up, progress=False))
     paper = PAPER["open" if name == "open" else "dense"]
     print(
         f"\n{name}: {len(scene):,} faces, {references} references over {track.length:.4g}, slabs cut at",
         ", ".join(f"{far:.4g}" for _, far in survey.cuts[:-1]),
-        f"({time.perf_counter() - start:.0f} s)",
+        f"({seconds:.0f} s)",
     )
     print("method  alpha  slab   tiles    kept  culled    paper    bytes     kept")
     for method in ("exact", "paper"):

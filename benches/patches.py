@@ -6,14 +6,14 @@ take.
 
 from __future__ import annotations
 
-import time
 import warnings
+from functools import partial
 
 import numpy as np
 
 import bench
 import cyclorama as cyc
-from cyclorama import patches
+from cyclorama import lab, patches
 
 
 def subdivided(scene: cyc.Scene) -> cyc.Scene:
@@ -50,20 +50,18 @@ def main() -> None:
         scene = bench.scene(asked.meshes, name.split(",")[0])
         if name.endswith("subdivided"):
             scene = subdivided(scene)
-        times = []
+        tile = partial(patches.tile, scene.vertices, scene.faces, count, progress=False)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            for _ in range(asked.rounds):
-                start = time.perf_counter()
-                labels = patches.tile(scene.vertices, scene.faces, count, progress=False)
-                times.append(time.perf_counter() - start)
+            labels = tile()
+            ms = lab.medians({name: tile}, asked.rounds, warm_up=0)[name]
         rows.append(
             {
                 "mesh": name,
                 "faces": len(scene),
                 "asked": count,
                 "made": len(np.unique(labels)),
-                "seconds": float(np.median(times)),
+                "seconds": ms / 1e3,
                 "asked for, s": limit,
                 "connected": "yes" if connected(scene, labels) else "NO",
             }

@@ -9,13 +9,13 @@ images in 4.6, 2.8 and 2.4 hours) are another scene on another machine: beside t
 from __future__ import annotations
 
 import resource
-import time
+from functools import partial
 
 import numpy as np
 
 import bench
 import cyclorama as cyc
-from cyclorama import placement
+from cyclorama import lab, placement, sweeps
 
 SHARES = (0.15, 0.20, 0.25)
 #: Which way is up, and the shares of the faces that a frame may have: what their density allows.
@@ -29,17 +29,23 @@ REAL = {
 PARTS = ["pipes", "targets", "real", "sizes", "sphere", "wide", "ready", "grid", "optimisers", "methods", "proof"]
 
 
+def attempted(scene: cyc.Scene, budget: int, **options: object) -> placement.Plan | str:
+    """A plan, or why there is none."""
+    try:
+        return cyc.place_images(scene, budget, progress=False, **options)
+    except ValueError as error:
+        return str(error)
+
+
 def placed(name: str, scene: cyc.Scene, share: float, frames: int, **options: object) -> dict[str, object]:
     """A row: a plan, and what was seen of it."""
     budget = int(share * len(scene))
     row: dict[str, object] = {"scene": name, "faces": len(scene), "budget": budget}
-    start = time.perf_counter()
-    try:
-        plan = cyc.place_images(scene, budget, progress=False, **options)
-    except ValueError as error:
-        return row | {"s": time.perf_counter() - start, "why not": str(error)[:100]}
+    plan, seconds = lab.elapsed(partial(attempted, scene, budget, **options))
+    if isinstance(plan, str):
+        return row | {"s": seconds, "why not": plan[:100]}
     row |= {
-        "s": time.perf_counter() - start,
+        "s": seconds,
         "images": len(plan.images) - plan.shell,
         "viewpoints": len(plan.viewpoints) - plan.shell,
         "depth": plan.leaf_depth,
@@ -51,9 +57,7 @@ def placed(name: str, scene: cyc.Scene, share: float, frames: int, **options: ob
     times = []
     for eye, yaw in zip(eyes, np.linspace(0, 2 * np.pi, 200), strict=True):
         gaze = np.cos(yaw) * plan.axes[0] + np.sin(yaw) * plan.axes[1]
-        start = time.perf_counter()
-        plan.frame(eye, gaze, out=out)
-        times.append(time.perf_counter() - start)
+        times.append(lab.elapsed(partial(plan.frame, eye, gaze, out=out))[1])
     return row | {
         "sound": found.is_sound,
         "most": found.most,
@@ -87,10 +91,9 @@ def grids(scene: cyc.Scene, share: float, frames: int) -> list[dict[str, object]
     """Rows of the dissertation's grid: what its star-shapes leave unproved, and frames aimed at that."""
     rows = []
     for star_shape in ("paper", "certified"):
-        start = time.perf_counter()
         options: dict[str, object] = {"method": "paper", "star_shape": star_shape, "lookahead": 0, "leaf_depth": 4}
-        plan = cyc.place_images(scene, int(share * len(scene)), progress=False, **options)
-        seconds = time.perf_counter() - start
+        place = partial(cyc.place_images, scene, int(share * len(scene)), progress=False, **options)
+        plan, seconds = lab.elapsed(place)
         assert plan.grid is not None
         aimed = plan.grid.check(frames, aimed=True)
         away = plan.grid.aimed_frames(2000)
@@ -113,58 +116,13 @@ def grids(scene: cyc.Scene, share: float, frames: int) -> list[dict[str, object]
     return rows
 
 
-def optimisers(scene: cyc.Scene, share: float, views: int) -> list[dict[str, object]]:
-    """Rows of the searches for what an image replaces: value, closeness to the target, time."""
-    cells = placement.cells(scene, 5)
-    low, high = scene.bounds
-    rng = np.random.default_rng(0)
-    searches: list[tuple[str, dict[str, object]]] = [
-        *((f"paper, look-ahead {q}", {"search": "paper", "lookahead": q}) for q in (0, 1, 2, 3)),
-        ("annealing", {"search": "annealing", "steps": 5000}),
-        ("windows", {"search": "windows"}),
-    ]
-    target = int(share * len(scene))
-    found: dict[str, list[tuple[float, int, float]]] = {name: [] for name, _ in searches}
-    for _ in range(views):
-        viewpoint = rng.uniform(low, high)
-        yaw = rng.uniform(0, 2 * np.pi)
-        viewpoint[[0, 2]] -= 0.3 * (high - low)[[0, 2]] * [np.cos(yaw), np.sin(yaw)]
-        forward = (np.cos(yaw), 0.0, np.sin(yaw))
-        for name, options in searches:
-            start = time.perf_counter()
-            try:
-                subset = placement.optimise(
-                    cells.low, cells.high, cells.counts, viewpoint, forward, target=target, **options
-                )
-            except ValueError:
-                continue
-            if subset is not None and subset.total > target:
-                found[name].append((subset.value, subset.remaining, time.perf_counter() - start))
-    rows = []
-    for name, solved in found.items():
-        value, remaining, seconds = np.array(solved).T
-        rows.append(
-            {
-                "search": name,
-                "views": len(value),
-                "value, mean": value.mean(),
-                "within 2 %": float((remaining >= 0.98 * target).mean()),
-                "above": int((remaining > target).sum()),
-                "ms": 1e3 * float(np.median(seconds)),
-            }
-        )
-    return rows
-
-
 def proof(scene: cyc.Scene, share: float, frames: int, directions: placement.plan.Directions) -> dict[str, object]:
     """A row of the whole proof, and of frames half of which are near the model's faces, edges and corners."""
     plan = cyc.place_images(scene, int(share * len(scene)), directions=directions, progress=False)
-    start = time.perf_counter()
     row: dict[str, object] = {"gazes": directions, "faces": len(scene), "images": len(plan.images) - plan.shell}
-    row |= {"boxes": plan.certify(), "s": time.perf_counter() - start}
-    start = time.perf_counter()
-    found = plan.check(frames, progress=False)
-    return row | vars(found) | {"frames, s": time.perf_counter() - start}
+    row["boxes"], row["s"] = lab.elapsed(plan.certify)
+    found, seconds = lab.elapsed(partial(plan.check, frames, progress=False))
+    return row | vars(found) | {"frames, s": seconds}
 
 
 def methods(scene: cyc.Scene, share: float) -> list[dict[str, object]]:
@@ -178,9 +136,8 @@ def methods(scene: cyc.Scene, share: float) -> list[dict[str, object]]:
         *({"method": "paper", "image_fov": fov} for fov in (66.0, 72.0, 84.0)),
     ]
     for way in ways:
-        start = time.perf_counter()
-        plan = cyc.place_images(scene, int(share * len(scene)), leaf_depth=4, progress=False, **way)
-        seconds = time.perf_counter() - start
+        place = partial(cyc.place_images, scene, int(share * len(scene)), leaf_depth=4, progress=False, **way)
+        plan, seconds = lab.elapsed(place)
         row = {"method": way["method"], "look-ahead": way.get("lookahead"), "image_fov": way.get("image_fov")}
         ends = plan.parameters[: len(plan.images) - plan.shell, 4:]
         # As many pixels as a frame of 512 x 384 has, at the same angle each.
@@ -238,7 +195,8 @@ def main() -> None:
     if "grid" in options.parts:
         bench.show("The dissertation's grid, 50 %", grids(cyc.scenes.pipes(20_000), 0.5, frames))
     if "optimisers" in options.parts:
-        bench.show("Searches for an image", optimisers(small, 0.2, 10 if options.quick else 40))
+        searches = sweeps.optimisers(small, [0.2], views=10 if options.quick else 40, progress=False)
+        bench.show("Searches for an image", searches)
     if "methods" in options.parts:
         bench.show("Ways to find images, 50 %", methods(cyc.scenes.pipes(20_000), 0.5))
     if "proof" in options.parts:

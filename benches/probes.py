@@ -9,13 +9,14 @@ each, and the share of the scene that is culled there:
 from __future__ import annotations
 
 import argparse
-import time
+from functools import partial
+from itertools import pairwise
 
 import numpy as np
 
 import bench
 import cyclorama as cyc
-from cyclorama import bitfield, sphere
+from cyclorama import bitfield, lab, sphere
 from cyclorama.bakes.learning import Cells, Looker
 from cyclorama.bakes.probing import STRATEGIES, Prober
 from cyclorama.framing import Framing
@@ -43,16 +44,17 @@ def curve(scene: cyc.Scene, args: argparse.Namespace, strategy: str, fill: str |
     around = np.unique(np.concatenate([chosen, prober.across[chosen].ravel()]))
     looker = Looker(scene, framing)
     where, home = held_out(points, faces, chosen, args.held_out)
-    rows, spent, seconds = [], 0, 0.0
-    for step in STEPS:
-        begin = time.perf_counter()
-        while spent < step:
+    rows, seconds = [], 0.0
+
+    def learn(begin: int, end: int) -> None:
+        for spent in range(begin, end, 4):
             probes = prober.place(around, spent, 4)
             seen, missed = looker.probe(probes.directions, cells.rows, probes.home, fill=fill)
             cells.learn(probes.learners, seen)
             prober.tell(probes, missed)
-            spent += 4
-        seconds += time.perf_counter() - begin
+
+    for before, step in pairwise((0, *STEPS)):
+        seconds += lab.elapsed(partial(learn, before, step))[1]
         missed = looker.probe(where, cells.rows, home)[1]
         culled = 1 - bitfield.count(cells.rows[chosen]).mean() / len(scene)
         rows.append({"probes": step, "missed": missed.mean(), "culled": culled, "ms": 1e3 * seconds / len(around)})

@@ -21,6 +21,7 @@ import json
 import tempfile
 import time
 from argparse import Namespace as Options
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +29,7 @@ import open3d as o3d
 
 import bench
 import cyclorama as cyc
-from cyclorama import charts
+from cyclorama import charts, lab
 from cyclorama.lab import Row
 from reference.level import Level
 
@@ -62,9 +63,8 @@ def confirmed(caster: o3d.t.geometry.RaycastingScene, eyes: np.ndarray, points: 
 def measured(level: Level, caster: o3d.t.geometry.RaycastingScene, box: Box, number: int, options: Options) -> Row:
     """All that is asked of one box."""
     (low, high), scene = box, level.scene
-    start = time.process_time()
-    region = cyc.visible_from(scene, low, high, resolution=128, progress=False)
-    seconds = time.process_time() - start
+    look = partial(cyc.visible_from, scene, low, high, resolution=128, progress=False)
+    region, seconds = lab.elapsed(look, clock=time.process_time)
     long = cyc.visible_from(
         scene,
         low,

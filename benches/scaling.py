@@ -12,7 +12,6 @@ import functools
 import gc
 import multiprocessing
 import resource
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -85,21 +84,29 @@ def before(scene: cyc.Scene) -> list[cyc.Camera]:
     return [cyc.Camera.look_at((0, 0, 0), aim, width=510, height=480) for aim in aims]
 
 
+def first_of_open3d(scene: cyc.Scene, cameras: list[cyc.Camera]) -> rivals.Open3D:
+    """Open3D with its hierarchy, which it builds with the first view."""
+    opened = rivals.Open3D(scene)
+    opened.rows(cameras[:1])
+    return opened
+
+
 def row_of(make: Callable[[], Arrays], look: Callable[[cyc.Scene], list[cyc.Camera]], rounds: int) -> dict[str, Any]:
     """What a view of the mesh costs ours on one thread and on all cores, and Open3D on all."""
     vertices, faces = make()
-    start = time.perf_counter()
-    scene = cyc.Scene(vertices, faces)
-    cameras = look(scene)
-    scene.visible(cameras[:1], fill=None, progress=False)
-    row: dict[str, Any] = {"faces": len(faces), "first, s": time.perf_counter() - start}
+
+    def first() -> tuple[cyc.Scene, list[cyc.Camera]]:
+        scene = cyc.Scene(vertices, faces)
+        cameras = look(scene)
+        scene.visible(cameras[:1], fill=None, progress=False)
+        return scene, cameras
+
+    (scene, cameras), seconds = lab.elapsed(first)
+    row: dict[str, Any] = {"faces": len(faces), "first, s": seconds}
     see = functools.partial(scene.visible, cameras, fill=None, progress=False)
     jobs: dict[str, Callable[[], object]] = {"ours 1": functools.partial(see, threads=1), "ours": see}
     try:
-        start = time.perf_counter()
-        opened = rivals.Open3D(scene)
-        opened.rows(cameras[:1])
-        row["o3d first, s"] = time.perf_counter() - start
+        opened, row["o3d first, s"] = lab.elapsed(functools.partial(first_of_open3d, scene, cameras))
         jobs["o3d"] = functools.partial(opened.rows, cameras)
         row["depth"] = opened.depth_complexity(cameras[:1])
     except peers.Missing as missing:

@@ -77,6 +77,50 @@ def test_rounds_are_interleaved_and_the_median_is_kept_without_the_warm_up():
     assert rows[0]["times"] == [1, 9, 2]
 
 
+def test_short_jobs_are_called_until_a_turn_is_filled_and_timed_by_the_call():
+    clock, calls = Clock(), {"long": 0, "short": 0}
+    durations = {"long": 5.0, "short": 0.25}
+
+    def timed(name):
+        def job():
+            calls[name] += 1
+            clock.now += durations[name]
+
+        return job
+
+    rows = lab.sweep({"name": calls}, timed=timed, rounds=2, at_least=1.0, clock=clock, progress=False)
+    assert [row["time"] for row in rows] == [5.0, 0.25]
+    assert calls == {"long": 1 + 2 * 1, "short": 1 + 2 * 4}
+
+
+def test_turns_are_filled_on_a_clock_that_stands_still():
+    calls = []
+    lab.sweep([{}], timed=lambda: lambda: calls.append(1), rounds=1, at_least=2e-6, clock=Clock(), progress=False)
+    assert len(calls) == 1 + round(2e-6 / lab.SHORTEST)
+
+
+def test_what_a_job_gives_and_takes_once():
+    clock = Clock()
+
+    def job():
+        clock.now += 3
+        return "done"
+
+    assert lab.elapsed(job, clock=clock) == ("done", 3)
+
+
+def test_no_figure_and_no_parameter_is_named_error():
+    with pytest.raises(ValueError, match="figure can't be named 'error'"):
+        lab.sweep({"n": [1]}, lambda n: {"error": 0.5}, progress=False)
+    with pytest.raises(ValueError, match="parameter can't be named 'error'"):
+        lab.sweep({"error": [1]}, lambda error: {"half": 0.5}, progress=False)
+
+
+def test_turns_that_are_filled_need_a_warm_up():
+    with pytest.raises(ValueError, match="warm_up is 0"):
+        lab.sweep([{}], timed=lambda: int, warm_up=0, at_least=1, progress=False)
+
+
 def test_a_job_that_fails_is_not_run_again_and_has_no_time():
     runs = []
 

@@ -37,6 +37,39 @@ def test_budgets_say_what_is_drawn_and_what_is_refused():
     assert 0 < rows[1]["drawn"] <= rows[1]["budget"] and rows[1]["images"] > 0
 
 
+def test_budgets_vary_any_option_and_say_what_each_plan_is():
+    scene = cyc.scenes.pipes(2000)
+    vary = {"image_fov": [70.0, 100.0]}
+    rows = sweeps.budgets(scene, [0.95], targets=[0.6], vary=vary, frames=10, shell=0, progress=False)
+    assert [(row["target"], row["image_fov"]) for row in rows] == [(0.6, 70), (0.6, 100)]
+    budget = int(0.95 * len(scene))
+    plan = cyc.place_images(scene, budget, int(0.6 * budget), image_fov=100.0, shell=0, progress=False)
+    assert rows[1]["images"] == len(plan.images) != rows[0]["images"]
+    assert all(row["wrong"] == row["not_proved"] == 0 for row in rows)
+
+
+def test_searches_are_judged_by_what_no_image_exceeds():
+    scene = cyc.scenes.pipes(5000)
+    searches = [{"search": "paper", "lookahead": 0}, {"search": "windows"}, {"search": "windows", "gap": 0.3}]
+    rows = sweeps.optimisers(scene, [0.2, 2.0], searches=searches, leaf_depth=3, rounds=1, progress=False)
+    paper, best, loose = rows[:3]
+    assert paper["views"] == best["views"] > 3
+    assert 0 <= best["short"] <= 0.001 < paper["short"]
+    assert best["short"] < loose["short"] <= 0.3
+    assert [row["views"] for row in rows[3:]] == [0, 0, 0], "no view has more than twice the scene"
+
+
+def test_star_shapes_stand_beside_eyes_that_were_sampled():
+    rows = sweeps.star_shapes([60, 110], levels=["even"], eyes=3000, progress=False)
+    for row in rows:
+        assert row["low"] <= row["radius"] <= 1.02 * row["low"]
+        assert 0.8 * row["low"] < row["farthest"] <= row["radius"]
+    narrow, wide = rows
+    assert narrow["outside"] > 0 == wide["outside"], "the dissertation's sphere is too small for narrow frames"
+    beyond = sweeps.star_shapes([60], levels=["even"], yaws=[(0, 0)], eyes=500, progress=False)[0]
+    assert beyond["radius"] <= narrow["radius"]
+
+
 def test_walks_take_more_room_for_more_slabs_and_references():
     track = [(0.0, 0, 0), (0.8, 0, 0)]
     rows = sweeps.panoramas(

@@ -16,19 +16,25 @@ import os
 import statistics
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 from .files import whole_file
 from .progress import Progress, reporter
 
-__all__ = ["Row", "best", "combinations", "draw", "load", "medians", "pareto", "save", "sweep", "table"]
+__all__ = ["Row", "best", "combinations", "draw", "elapsed", "load", "medians", "pareto", "save", "sweep", "table"]
 
 Row = dict[str, Any]
 
+T = TypeVar("T")
+
 #: The key under which a row names what went wrong.
 ERROR = "error"
+
+#: Seconds that a call takes at least, to be divided by: some clocks stand still for as long.
+SHORTEST = 1e-7
 
 
 def combinations(grid: Mapping[str, Iterable[Any]] | Iterable[Mapping[str, Any]]) -> list[Row]:
@@ -72,6 +78,7 @@ def sweep(
     timed: Callable[..., Callable[[], object]] | None = None,
     rounds: int = 5,
     warm_up: int = 1,
+    at_least: float = 0.0,
     errors: Literal["record", "raise"] = "record",
     clock: Callable[[], float] = time.perf_counter,
     progress: Progress = None,
@@ -93,6 +100,9 @@ def sweep(
         How often every job is timed.
     warm_up : int
         Rounds before the timed ones.
+    at_least : float
+        Seconds that each turn of a job fills, for jobs so short that the clock's step would show: it is called as often
+        as the last round of the warm-up says, and `time` is that of one call.
     errors : {"record", "raise"}
         Whether a run that fails is a row, or ends the sweep.
     clock : callable
@@ -111,7 +121,8 @@ def sweep(
     Raises
     ------
     ValueError
-        If there is nothing to do, a count is negative, or a figure has the name of a parameter.
+        If there is nothing to do, a count is negative, turns are to be filled without a warm-up, or a figure has the
+        name of a parameter or the reserved `error`.
 
     Examples
     --------
@@ -127,10 +138,16 @@ def sweep(
         raise ValueError(f"rounds must be at least 1, got {rounds}")
     if warm_up < 0:
         raise ValueError(f"warm_up must be at least 0, got {warm_up}")
+    if not (math.isfinite(at_least) and at_least >= 0):
+        raise ValueError(f"at_least must be seconds, not negative, got {at_least!r}")
+    if at_least and not warm_up:
+        raise ValueError("at_least needs a round of warm-up, which says how often to call a job: warm_up is 0")
     if errors not in ("record", "raise"):
         raise ValueError(f"errors must be 'record' or 'raise', got {errors!r}")
     attempt = _record if errors == "record" else _raise
     asked = combinations(grid)
+    if any(ERROR in parameters for parameters in asked):
+        raise ValueError(f"a parameter can't be named {ERROR!r}: that is where a row says what went wrong")
     rows = [dict(parameters) for parameters in asked]
     turns = warm_up + rounds if timed is not None else 0
     total = len(rows) * (turns + (measure is not None))
@@ -144,34 +161,50 @@ def sweep(
                 done += 1
                 report(done)
         if timed is not None:
-            _time(asked, rows, timed, turns, warm_up, attempt, clock, lambda turn: report(done + turn))
+            turn_taking = _Turns(warm_up, turns, at_least, clock)
+            _time(asked, rows, timed, turn_taking, attempt, lambda turn: report(done + turn))
     return rows
+
+
+@dataclass(frozen=True)
+class _Turns:
+    """How jobs take turns: of all rounds the first are the warm-up."""
+
+    warm_up: int
+    all: int
+    at_least: float
+    clock: Callable[[], float]
 
 
 def _time(
     asked: Sequence[Row],
     rows: Sequence[Row],
     timed: Callable[..., Callable[[], object]],
-    turns: int,
-    warm_up: int,
+    turns: _Turns,
     attempt: Callable[[Row, Callable[[], Any]], Any],
-    clock: Callable[[], float],
     report: Callable[[int], object],
 ) -> None:
     jobs: list[Callable[[], object] | None] = []
     for parameters, row in zip(asked, rows, strict=True):
         jobs.append(None if ERROR in row else attempt(row, partial(timed, **parameters)))
     times: list[list[float]] = [[] for _ in rows]
-    for turn in range(turns):
+    calls = [1] * len(rows)
+    for turn in range(turns.all):
         for place, (row, job) in enumerate(zip(rows, jobs, strict=True)):
             if job is not None and ERROR not in row:
-                start = clock()
-                attempt(row, job)
-                times[place].append(clock() - start)
+                _, seconds = elapsed(partial(attempt, row, partial(_repeat, job, calls[place])), clock=turns.clock)
+                times[place].append(seconds / calls[place])
+                if turn < turns.warm_up and turns.at_least:
+                    calls[place] = max(1, math.ceil(turns.at_least / max(times[place][-1], SHORTEST)))
             report(turn * len(rows) + place + 1)
     for row, kept in zip(rows, times, strict=True):
         if kept and ERROR not in row:
-            _join(row, {"time": statistics.median(kept[warm_up:]), "times": kept[warm_up:]})
+            _join(row, {"time": statistics.median(kept[turns.warm_up :]), "times": kept[turns.warm_up :]})
+
+
+def _repeat(job: Callable[[], object], calls: int) -> None:
+    for _ in range(calls):
+        job()
 
 
 def _raise(row: Row, job: Callable[[], Any]) -> Any:
@@ -190,6 +223,8 @@ def _record(row: Row, job: Callable[[], Any]) -> Any:
 
 def _join(row: Row, figures: Mapping[str, Any]) -> None:
     for name in figures:
+        if name == ERROR:
+            raise ValueError(f"a figure can't be named {ERROR!r}: that is where a row says what went wrong")
         if name in row:
             raise ValueError(f"the figure {name!r} has the name of a parameter or of another figure")
     row.update(figures)
@@ -261,21 +296,55 @@ def best(
     return dict(min(kept, key=lambda row: row[minimise]))
 
 
-def medians(jobs: Mapping[str, Callable[[], object]], rounds: int = 5) -> dict[str, float]:
-    """Milliseconds of each job, median over rounds in which they take turns, after one that does not count.
+def medians(
+    jobs: Mapping[str, Callable[[], object]], rounds: int = 5, *, warm_up: int = 1, at_least: float = 0.0
+) -> dict[str, float]:
+    """Milliseconds of each job, median over rounds in which they take turns.
 
     Parameters
     ----------
     jobs : mapping of str to callable
-    rounds : int
+    rounds, warm_up : int
+    at_least : float
+        As for `sweep`.
 
     Examples
     --------
     >>> sorted(medians({"one": lambda: 1, "two": lambda: 2}))
     ['one', 'two']
     """
-    rows = sweep({"job": jobs}, timed=lambda job: jobs[job], rounds=rounds, errors="raise", progress=False)
+    rows = sweep(
+        {"job": jobs},
+        timed=lambda job: jobs[job],
+        rounds=rounds,
+        warm_up=warm_up,
+        at_least=at_least,
+        errors="raise",
+        progress=False,
+    )
     return {row["job"]: 1e3 * row["time"] for row in rows}
+
+
+def elapsed(job: Callable[[], T], *, clock: Callable[[], float] = time.perf_counter) -> tuple[T, float]:
+    """What a job gives, and the seconds that it took this once.
+
+    For what is too long to be repeated, or can't be: the rest is compared by `sweep` or `medians`.
+
+    Parameters
+    ----------
+    job : callable
+    clock : callable
+        Seconds since some moment.
+
+    Examples
+    --------
+    >>> total, seconds = elapsed(lambda: sum(range(10)))
+    >>> total, seconds >= 0
+    (45, True)
+    """
+    start = clock()
+    given = job()
+    return given, clock() - start
 
 
 def save(rows: Iterable[Mapping[str, Any]], path: str | os.PathLike[str]) -> None:

@@ -12,11 +12,10 @@ import html
 import os
 import statistics
 import tempfile
-import time
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -42,7 +41,7 @@ Flags = npt.NDArray[np.bool_]
 #: A mesh is taken as wound consistently if at least this share of what is seen shows its front, or its back.
 CONSISTENT = 0.95
 
-#: Times that each evaluated eye is asked for its faces; the median is kept.
+#: Rounds in which each evaluated eye is asked for its faces; medians are kept.
 ASKED = 3
 
 #: What a row says, and the words for it on an axis.
@@ -155,9 +154,8 @@ class _Experiment:
         note = ""
         if patches is not None:
             labels, tiling, note = self._tile(patches)
-            start = time.perf_counter()
-            vis = vis.in_patches(labels)
-            seconds += tiling + time.perf_counter() - start
+            vis, joining = lab.elapsed(partial(vis.in_patches, labels))
+            seconds += tiling + joining
         test = self._test(resolution)
         row: Row = {"time": seconds, "bytes": file_bytes(vis), **_judge(vis, test, len(self.scene))}
         if vis.patches is not None and vis.patches != patches:
@@ -168,18 +166,17 @@ class _Experiment:
         if self._baked is None or self._baked[0] != key:
             views, resolution, fill, join = key
             self._baked = None
-            start = time.perf_counter()
-            vis = bake(self.scene, views, None, resolution, fill=fill, join=join, progress=False, **self.options)
-            self._baked = key, vis, time.perf_counter() - start
+            make = partial(bake, self.scene, views, None, resolution, fill=fill, join=join, progress=False)
+            vis, seconds = lab.elapsed(partial(make, **self.options))
+            self._baked = key, vis, seconds
         return self._baked[1], self._baked[2]
 
     def _tile(self, count: int) -> tuple[npt.NDArray[np.uint32], float, str]:
         if count not in self._labels:
             with warnings.catch_warnings(record=True) as caught:
                 warnings.simplefilter("always")
-                start = time.perf_counter()
-                labels = tile(self.scene.vertices, self.scene.faces, count, progress=False)
-                seconds = time.perf_counter() - start
+                divide = partial(tile, self.scene.vertices, self.scene.faces, count, progress=False)
+                labels, seconds = lab.elapsed(divide)
             self._labels[count] = labels, seconds, "; ".join(str(warning.message) for warning in caught)
         return self._labels[count]
 
@@ -214,16 +211,10 @@ def _judge(vis: Visibility, test: _Test, size: int) -> Row:
     missed: list[float] = []
     drawn: list[float] = []
     false: list[float] = []
-    times: list[float] = []
     backfacing: list[float] = []
     room = np.empty(size, dtype=np.uint32)
     for view, eye in enumerate(test.eyes):
-        asked = []
-        for _ in range(ASKED):
-            start = time.perf_counter()
-            faces = vis.visible_faces(eye, out=room)
-            asked.append(time.perf_counter() - start)
-        times.append(statistics.median(asked))
+        faces = vis.visible_faces(eye, out=room)
         answered = np.zeros(size, dtype=bool)
         answered[faces] = True
         ids, pixels = test.owners[view]
@@ -232,6 +223,14 @@ def _judge(vis: Visibility, test: _Test, size: int) -> Row:
         false.append(float(np.count_nonzero(answered & ~test.seen[view]) / max(1, len(faces))))
         if test.away is not None:
             backfacing.append(float(np.count_nonzero(~answered & test.away[view]) / size))
+    views = [{"view": view} for view in range(len(test.eyes))]
+    asked = lab.sweep(
+        views,
+        timed=lambda view: partial(vis.visible_faces, test.eyes[view], out=room),
+        rounds=ASKED,
+        errors="raise",
+        progress=False,
+    )
     low, high = bootstrap_interval(missed)
     bound = upper_mean(missed)
     culled = 1 - float(np.mean(drawn))
@@ -247,7 +246,7 @@ def _judge(vis: Visibility, test: _Test, size: int) -> Row:
         "occluded": None if away is None else culled - away,
         "drawn": 1 - culled,
         "false": float(np.mean(false)),
-        "query": statistics.median(times),
+        "query": statistics.median(row["time"] for row in asked),
     }
 
 

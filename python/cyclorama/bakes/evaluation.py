@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import html
 import math
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ import numpy.typing as npt
 from .. import bitfield
 from ..camera import Camera
 from ..framing import Framing
+from ..lab import elapsed
 from ..progress import Progress, reporter
 from ..render import BACKGROUND
 from ..scene import Scene
@@ -260,15 +261,10 @@ def evaluate(
     with reporter(progress, views, "held-out views") as report:
         for k in range(views):
             camera = _camera(framing, eyes[k], directions[k], float(far[k]))
-            begin = time.perf_counter()
-            answer = vis.visible_faces(eyes[k])
-            answered = time.perf_counter()
-            whole = scene.render(camera, threads=threads)
-            drawn = time.perf_counter()
-            part = scene.render(camera, faces=answer, threads=threads)
-            columns["answer_seconds"][k] = answered - begin
-            columns["whole_seconds"][k] = drawn - answered
-            columns["culled_seconds"][k] = time.perf_counter() - drawn
+            draw = partial(scene.render, camera, threads=threads)
+            answer, columns["answer_seconds"][k] = elapsed(partial(vis.visible_faces, eyes[k]))
+            whole, columns["whole_seconds"][k] = elapsed(draw)
+            part, columns["culled_seconds"][k] = elapsed(partial(draw, faces=answer))
             kept = np.zeros(len(scene), dtype=bool)
             kept[answer] = True
             covered = whole.ids[whole.ids != BACKGROUND]
