@@ -17,8 +17,9 @@ import numpy as np
 import bench
 import cyclorama as cyc
 from cyclorama import lab
+from cyclorama.backdrop import Backdrop
 from cyclorama.portals.cones import Cone
-from cyclorama.warp import Backdrop, backdrop
+from cyclorama.warp import backdrop
 
 # Scene, the table's name and speed-up, pictures on the path, where it begins and ends, the target, and the distance of
 # pictures, the last four in radii from the centre.

@@ -31,21 +31,14 @@ def test_construction_images_fill_holes_and_take_room():
     assert rows[0]["bytes"] < rows[1]["bytes"] and rows[0]["samples"] < rows[1]["samples"]
 
 
-def test_budgets_say_what_is_drawn_and_what_is_refused():
-    rows = sweeps.budgets(cyc.scenes.pipes(2000), [0.2, 0.9], frames=10, progress=False)
+def test_budgets_say_what_is_drawn_and_what_is_refused_with_any_option_varied():
+    options = {"targets": [0.7], "vary": {"shell": [0, 1]}, "leaf_depth": 3, "frames": 10}
+    rows = sweeps.budgets(cyc.scenes.pipes(2000), [0.2, 0.9], **options, progress=False)
     assert "too small" in rows[0]["error"]
-    assert 0 < rows[1]["drawn"] <= rows[1]["budget"] and rows[1]["images"] > 0
-
-
-def test_budgets_vary_any_option_and_say_what_each_plan_is():
-    scene = cyc.scenes.pipes(2000)
-    vary = {"image_fov": [70.0, 100.0]}
-    rows = sweeps.budgets(scene, [0.95], targets=[0.6], vary=vary, frames=10, shell=0, progress=False)
-    assert [(row["target"], row["image_fov"]) for row in rows] == [(0.6, 70), (0.6, 100)]
-    budget = int(0.95 * len(scene))
-    plan = cyc.place_images(scene, budget, int(0.6 * budget), image_fov=100.0, shell=0, progress=False)
-    assert rows[1]["images"] == len(plan.images) != rows[0]["images"]
-    assert all(row["wrong"] == row["not_proved"] == 0 for row in rows)
+    assert [(row["share"], row["target"], row["shell"]) for row in rows[2:]] == [(0.9, 0.7, 0), (0.9, 0.7, 1)]
+    for row in rows[2:]:
+        assert 0 < row["drawn"] <= row["budget"] and row["wrong"] == row["not_proved"] == 0
+    assert rows[3]["images"] - rows[2]["images"] == 6, "one before each side of the scene"
 
 
 def test_searches_are_judged_by_what_no_image_exceeds():
