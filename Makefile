@@ -39,9 +39,10 @@ lint: $(VENV)/.test $(VENV)/.built $(VENV)/.rust
 	$(BIN)/python -m mypy.stubtest cyclorama._core --mypy-config-file pyproject.toml \
 	  --allowlist tools/stubtest-allowed --ignore-disjoint-bases
 
-# docs/failures.md and its figures.
+# Every picture in README and docs, and docs/failures.md. What needs a mesh or a browser that is not there stays as it is.
 figures: $(VENV)/.test $(VENV)/.built
 	$(BIN)/python tools/draw-failures
+	$(BIN)/python tools/draw-figures
 
 # The documentation, from docs/ and the docstrings: build/site/index.html, which needs no network.
 docs: $(VENV)/.test $(VENV)/.built

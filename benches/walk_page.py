@@ -1,6 +1,6 @@
 """The page of a walk in Chromium, drawn in software: first complete picture and rate, by slabs.
 
-    python benches/walk_page.py [--columns 2048] [--picture docs/walk.png]
+    python benches/walk_page.py [--columns 2048] [--picture docs/figures/walk.png]
 
 The first picture is complete when every tile in sight is there: milliseconds since the page was asked for, server and
 browser on one machine. The rate is that of whole pictures of 1280 x 720 half-way between two references, each of them
@@ -63,7 +63,7 @@ def main():
             with serving(out) as url:
                 with page_of(running, f"{url}?t=0.25", 1280, 720) as page:
                     page.wait_for_function(COMPLETE, timeout=120_000)
-                    page.wait_for_function("window.cyclorama.state().first !== null")
+                    page.wait_for_function("window.cyclorama.state().first !== null", timeout=300_000)
                     first = page.evaluate("window.cyclorama.state()")
                     quads = page.evaluate("window.cyclorama.state().quads")
                     between = page.evaluate(RATE, given.frames)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from failures import failures
 from peers import need
 
 CLONE = Path(__file__).parents[1]
@@ -54,6 +55,22 @@ def test_links_and_names_of_a_page_lead_somewhere(page):
         found = importlib.import_module("cyclorama")
         for part in name.rstrip(".").split("."):
             found = getattr(found, part)
+
+
+def test_every_picture_is_drawn_by_make_figures_and_shown_somewhere():
+    need("matplotlib")
+    listed = subprocess.run(
+        [sys.executable, str(CLONE / "tools" / "draw-figures"), "--list"], capture_output=True, text=True, check=True
+    )
+    drawn = set(listed.stdout.split()) | {f"docs/figures/failures/{entry.name}.png" for entry in failures()}
+    shown = set()
+    for page in [CLONE / "README.md", *DOCS.rglob("*.md")]:
+        for link in re.findall(r"!\[[^\]]*\]\(([^)]+)\)", page.read_text(encoding="utf-8")):
+            shown.add((page.parent / link).resolve().relative_to(CLONE).as_posix())
+    there = {path.relative_to(CLONE).as_posix() for path in DOCS.rglob("*.*") if path.suffix not in (".md", "")}
+    assert shown == drawn == there
+    recipe = (CLONE / "Makefile").read_text(encoding="utf-8").split("\nfigures:")[1].split("\n\n")[0]
+    assert "tools/draw-failures" in recipe and "tools/draw-figures" in recipe
 
 
 def test_every_page_is_in_the_table_of_contents():

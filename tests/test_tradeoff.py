@@ -103,6 +103,14 @@ def test_fill_join_and_resolution_can_be_varied(gear):
     assert by_fill[(48, 48), None]["culled"] > by_fill[(48, 48), "rays"]["culled"]
 
 
+def test_the_table_says_how_many_patches_were_made_where_they_are_not_as_asked():
+    scene = cyc.scenes.nested_boxes(3)
+    small = {"resolution": (32, 30), "eval_views": 3, "progress": False}
+    made = cyc.tradeoff(scene, views=[6], patches=[None, 2], **small).table()
+    assert "made_patches" in made and "|            3 |" in made
+    assert "made_patches" not in cyc.tradeoff(scene, views=[6], patches=[None, 4], **small).table()
+
+
 def test_best_is_the_cheapest_that_meets_the_error_and_says_how_near_it_came(chart):
     by_hand = [row for row in chart.rows if row["missed_high"] <= 0.02]
     assert chart.best(max_missed=0.02) == min(by_hand, key=lambda row: row["bytes"])

@@ -214,7 +214,11 @@ def _tradeoff(asked: argparse.Namespace) -> int:
         print(f"rows: {asked.csv}")
     if asked.max_missed is not None:
         print(f"cheapest with at most {asked.max_missed:g} missed:")
-        print(lab.table([chart.best(max_missed=asked.max_missed)]))
+        found = [{"least": COSTS[cost]} | chart.best(asked.max_missed, minimise=cost) for cost in asked.costs]
+        varied = [name for name in ("resolution", "fill", "join") if len({row[name] for row in chart.rows}) > 1]
+        print(
+            lab.table(found, ["least", "views", "patches", *varied, "time", "bytes", "missed_high", "drawn", "query"])
+        )
     return 0
 
 
@@ -487,7 +491,12 @@ def _parser() -> _Parser:
     trade.add_argument("--fill", choices=FILLS, nargs="+", default=["rays"])
     trade.add_argument("--join", choices=("cells", "samples"), nargs="+", default=["cells"])
     trade.add_argument("--eval-views", type=_count, default=100, metavar="N", help="random views (%(default)s)")
-    trade.add_argument("--max-missed", type=float, metavar="SHARE", help="also print the cheapest row that meets this")
+    trade.add_argument(
+        "--max-missed",
+        type=float,
+        metavar="SHARE",
+        help="also print the row that is cheapest in each cost and meets this",
+    )
     trade.add_argument("--out", type=_picture, metavar="PICTURE", help="write the chart: .png, .svg or .pdf")
     trade.add_argument("--costs", choices=COSTS, nargs="+", default=["bytes", "drawn"])
     trade.add_argument("--csv", type=Path, metavar="FILE", help="write all figures of all rows")

@@ -339,7 +339,8 @@ class Tradeoff:
         """The rows as text: what was varied, and the main figures."""
         varied = [name for name in ("resolution", "fill", "join") if len({row[name] for row in self.rows}) > 1]
         figures = ["time", "bytes", "missed", "missed_high", "culled", "backfacing", "occluded", "false"]
-        columns = ["views", "patches", *varied, *figures]
+        made = ["made_patches"] if any("made_patches" in row for row in self.rows) else []
+        columns = ["views", "patches", *made, *varied, *figures]
         return lab.table(self.rows, columns + (["error"] if any("error" in row for row in self.rows) else []))
 
     def _repr_html_(self) -> str:
