@@ -98,6 +98,35 @@ def test_info_of_a_visibility_file_says_how_it_was_made(baked, capsys):
     assert "resolution       48 48" in said and "samples" in said and f"{baked.stat().st_size:,} bytes" in said
 
 
+def test_a_bake_on_processes_is_the_same_file(mesh, baked, tmp_path):
+    assert run("bake", mesh, *QUICK, "--workers", 2, "-o", tmp_path / "there.npz") == 0
+    there, here = cyc.Visibility.load(tmp_path / "there.npz"), cyc.Visibility.load(baked)
+    assert there.bitfields == here.bitfields and there.cells == here.cells
+
+
+def test_a_bake_has_one_kind_of_workers(mesh, capsys):
+    assert run("bake", mesh, "--workers", 2, "--dask", "localhost:1") == 2
+    assert "not allowed with argument" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["seen.npy", "seen.glb"])
+def test_what_an_eye_may_see_is_exported(mesh, baked, tmp_path, capsys, name):
+    assert run("export", baked, tmp_path / name, "--mesh", mesh, "--eye", "0,0,3") == 0
+    expected = cyc.Visibility.load(baked).visible_faces([0, 0, 3])
+    assert f"{len(expected):,} of " in capsys.readouterr().out
+    if name.endswith(".npy"):
+        np.testing.assert_array_equal(np.flatnonzero(np.load(tmp_path / name)), expected)
+        return
+    sizes = {part.name: len(part) for part in cyc.load(tmp_path / name).parts}
+    assert sum(size for part, size in sizes.items() if "never" not in part) == len(expected)
+
+
+def test_other_endings_are_refused(mesh, baked, tmp_path, capsys):
+    assert run("export", baked, tmp_path / "seen.obj", "--eye", "0,0,3") == 2
+    assert "does not end in .glb or .npy" in capsys.readouterr().err
+    assert run("tradeoff", mesh, "--csv", "rows.xls") == 2
+
+
 def test_patches_are_baked_where_asked(mesh, tmp_path):
     assert run("bake", mesh, *QUICK, "--patches", 10, "-o", tmp_path / "ten.npz") == 0
     assert cyc.Visibility.load(tmp_path / "ten.npz").patches == 10

@@ -1,9 +1,12 @@
 """Work on other processes: the same bits as here, also when one of them dies over it."""
 
+import multiprocessing
 import os
 import pickle
+import re
 import signal
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -77,6 +80,23 @@ def test_no_more_tasks_wait_than_memory_is_for():
             most = max(most, begun - taken)
             assert result == divmod(10, taken + 1)
     assert most <= executors.AHEAD
+
+
+def held(value, _):
+    """Bytes that this process has held at most."""
+    status = Path("/proc/self/status").read_text(encoding="utf-8")
+    return 1024 * int(re.search(r"VmHWM:\s+(\d+) kB", status)[1])
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="asks Linux what a process holds")
+def test_a_worker_holds_what_the_tasks_share_once_and_drops_it_for_the_next():
+    scene, another = np.ones(2_500_000), np.zeros(2_500_000)
+    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
+        rest = list(executors.Team(pool, 0).run(held, [(0,)]))[-1]
+        peaks = [list(executors.Team(pool, value).run(held, zip(range(12)))) for value in (scene, another)]
+    # The value, its pickle, which is kept to be sent on, and that of a task on its way in, beside an older value.
+    assert rest + 2 * scene.nbytes < peaks[0][-1] < rest + 4 * scene.nbytes
+    assert peaks[1][-1] < rest + 4.5 * scene.nbytes
 
 
 def test_a_task_that_fails_ends_the_work_and_says_why():

@@ -1,4 +1,4 @@
-"""The command line: `cyclorama demo | bake | info | tradeoff | place | walk | strip | view | validate`.
+"""The command line: `cyclorama demo | bake | info | export | tradeoff | place | walk | strip | view | validate`.
 
 Exit status 0 if all went well, 1 if `validate` found a disagreement, 2 on bad input, with one line that says what was
 wrong, 130 on Ctrl-C. Files appear only when they are whole.
@@ -7,17 +7,21 @@ wrong, 130 on Ctrl-C. Files appear only when they are whole.
 from __future__ import annotations
 
 import argparse
+import multiprocessing
 import re
 import sys
-import time
 import warnings
 from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import AbstractContextManager, nullcontext
+from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import Any, NoReturn, TextIO
 
 import numpy as np
 
-from . import __version__, lab, loading, scenes, validation
+from . import __version__, exchange, lab, loading, scenes, validation
 from .bakes import baking
 from .bakes.visibility import Visibility
 from .files import check_writable, whole_file
@@ -26,8 +30,6 @@ from .tradeoff import COSTS, tradeoff
 __all__ = ["main"]
 
 DISAGREE, BAD_INPUT, INTERRUPTED = 1, 2, 130
-
-PICTURES = (".png", ".svg", ".pdf")
 
 FILLS = {"rays": "rays", "neighbours": "neighbours", "none": None}
 
@@ -133,25 +135,41 @@ def _bake(asked: argparse.Namespace) -> int:
         raise _Refused(f"--out {out} is the mesh itself")
     scene = loading.load(asked.mesh)
     check_writable(out)
-    vis = baking.bake(
-        scene,
-        asked.views,
-        asked.patches,
-        asked.resolution,
-        asked.fov_y,
-        fill=FILLS[asked.fill],  # type: ignore[arg-type]
-        join=asked.join,
-        max_missed=asked.max_missed,
-        distances=asked.distances,
-        join_count=asked.join_count,
-        probes=asked.probes,
-        seed=asked.seed,
-        threads=asked.threads,
-        progress=_progress(asked),
-    )
+    with _executor(asked) as executor:
+        vis = baking.bake(
+            scene,
+            asked.views,
+            asked.patches,
+            asked.resolution,
+            asked.fov_y,
+            fill=FILLS[asked.fill],  # type: ignore[arg-type]
+            join=asked.join,
+            max_missed=asked.max_missed,
+            distances=asked.distances,
+            join_count=asked.join_count,
+            probes=asked.probes,
+            seed=asked.seed,
+            threads=asked.threads,
+            executor=executor,
+            progress=_progress(asked),
+        )
     vis.save(out)
     _print_figures(_about(vis) | {"file": f"{out}, {out.stat().st_size:,} bytes"})
     return 0
+
+
+def _executor(asked: argparse.Namespace) -> AbstractContextManager[Any]:
+    """Who works on the tasks: processes of this machine, a Dask cluster, or None for the threads of this process."""
+    if asked.workers is not None:
+        return ProcessPoolExecutor(asked.workers, mp_context=multiprocessing.get_context("spawn"))
+    if asked.dask is None:
+        return nullcontext()
+    try:
+        distributed: Any = import_module("distributed")
+    except ImportError as error:
+        raise ModuleNotFoundError("--dask needs distributed: pip install 'cyclorama[cluster]'") from error
+    client: AbstractContextManager[Any] = distributed.Client(asked.dask)
+    return client
 
 
 def _info(asked: argparse.Namespace) -> int:
@@ -183,6 +201,21 @@ def _info(asked: argparse.Namespace) -> int:
     return 0
 
 
+def _export(asked: argparse.Namespace) -> int:
+    mesh = asked.mesh if asked.mesh is not None else _mesh_of(asked.file)
+    check_writable(asked.out)
+    vis, scene = Visibility.load(asked.file), loading.load(mesh)
+    vis.check(scene)
+    mask = exchange.face_mask(scene, vis.visible_faces(asked.eye))
+    if asked.out.suffix.lower() == ".glb":
+        exchange.save_gltf(scene, asked.out, mask, labels=vis.labels)
+    else:
+        with whole_file(asked.out) as file:
+            np.save(file, mask)
+    print(f"{asked.out}: {int(mask.sum()):,} of {len(scene):,} faces may be seen from there")
+    return 0
+
+
 def _tradeoff(asked: argparse.Namespace) -> int:
     scene = loading.load(asked.mesh)
     for path in (asked.out, asked.csv):
@@ -209,8 +242,7 @@ def _tradeoff(asked: argparse.Namespace) -> int:
         chart.plot(asked.out, costs=asked.costs)
         print(f"chart: {asked.out}")
     if asked.csv is not None:
-        with whole_file(asked.csv) as file:
-            file.write(_csv(chart.rows).encode())
+        lab.save(chart.rows, asked.csv)
         print(f"rows: {asked.csv}")
     if asked.max_missed is not None:
         print(f"cheapest with at most {asked.max_missed:g} missed:")
@@ -234,8 +266,8 @@ def _place(asked: argparse.Namespace) -> int:
     scene = loading.load(asked.mesh)
     check_writable(out)
     count, is_share = asked.budget
-    start = time.perf_counter()
-    plan = place_images(
+    place = partial(
+        place_images,
         scene,
         budget=max(1, round(count * len(scene))) if is_share else int(count),
         optimize_to=asked.optimize_to,
@@ -247,7 +279,7 @@ def _place(asked: argparse.Namespace) -> int:
         threads=asked.threads,
         progress=_progress(asked),
     )
-    seconds = time.perf_counter() - start
+    plan, seconds = lab.elapsed(place)
     plan.save(out)
     steepest = 0.0 if asked.directions == "yaw" else figures.STEEPEST
     eyes, forwards = figures.walk(plan.domain, asked.frames, seed=asked.seed, up=plan.up, steepest=steepest)
@@ -419,19 +451,6 @@ def _print_figures(figures: dict[str, Any]) -> None:
         print(f"{name.replace('_', ' '):<{width}}  {value}")
 
 
-def _csv(rows: list[lab.Row]) -> str:
-    names = list(dict.fromkeys(name for row in rows for name in row))
-    cells = [names, *([row.get(name, "") for name in names] for row in rows)]
-    return "".join(",".join(_csv_cell(cell) for cell in line) + "\n" for line in cells)
-
-
-def _csv_cell(value: Any) -> str:
-    if isinstance(value, tuple):
-        value = "x".join(map(str, value))
-    text = "" if value is None else str(value)
-    return '"' + text.replace('"', '""') + '"' if re.search(r'[,"\n]', text) else text
-
-
 def _progress(asked: argparse.Namespace) -> bool | None:
     return False if asked.quiet else None
 
@@ -477,11 +496,20 @@ def _parser() -> _Parser:
     bake.add_argument("--fov-y", type=float, default=45.0, metavar="DEGREES")
     bake.add_argument("--seed", type=_seed, default=0, help="of all that is random (%(default)s)")
     bake.add_argument("--threads", type=_count)
+    elsewhere = bake.add_mutually_exclusive_group()
+    elsewhere.add_argument("--workers", type=_count, metavar="N", help="work on so many processes, with the same bits")
+    elsewhere.add_argument("--dask", metavar="ADDRESS", help="work on a Dask cluster: its scheduler, host:port")
 
     info = _command(commands, "info", _info, "say what a mesh or a visibility file is, or what an eye may see")
     info.add_argument("file", type=_file, metavar="FILE", help="a mesh, or what bake wrote (.npz)")
     info.add_argument("--faces", type=_eye, metavar="X,Y,Z", help="list the faces that an eye there may see")
     info.add_argument("--count", action="store_true", help="only count them")
+
+    export = _command(commands, "export", _export, "write which faces an eye may see, for other programs")
+    export.add_argument("file", type=_file, metavar="FILE", help="a visibility file (.npz)")
+    export.add_argument("out", type=_exported, metavar="OUT", help=".glb: nodes seen and never seen; .npy: a mask")
+    export.add_argument("--eye", type=_eye, required=True, metavar="X,Y,Z")
+    export.add_argument("--mesh", type=_file, help="what it was baked from; the mesh of its name beside it by default")
 
     trade = _command(commands, "tradeoff", _tradeoff, "chart what accuracy costs")
     trade.add_argument("mesh", type=_file, metavar="MESH")
@@ -499,7 +527,7 @@ def _parser() -> _Parser:
     )
     trade.add_argument("--out", type=_picture, metavar="PICTURE", help="write the chart: .png, .svg or .pdf")
     trade.add_argument("--costs", choices=COSTS, nargs="+", default=["bytes", "drawn"])
-    trade.add_argument("--csv", type=Path, metavar="FILE", help="write all figures of all rows")
+    trade.add_argument("--csv", type=_rows, metavar="FILE", help="write all figures of all rows: .csv or .parquet")
     trade.add_argument("--seed", type=_seed, default=0, help="of all that is random (%(default)s)")
 
     place = _command(commands, "place", _place, "place images so that no frame draws more than a budget")
@@ -614,11 +642,23 @@ def _seed(word: str) -> int:
     return int(word)
 
 
-def _picture(word: str) -> Path:
+def _ending(word: str, endings: Sequence[str]) -> Path:
     path = Path(word)
-    if path.suffix.lower() not in PICTURES:
-        raise argparse.ArgumentTypeError(f"{word!r} does not end in {', '.join(PICTURES)}")
+    if path.suffix.lower() not in endings:
+        raise argparse.ArgumentTypeError(f"{word!r} does not end in {' or '.join(endings)}")
     return path
+
+
+def _picture(word: str) -> Path:
+    return _ending(word, (".png", ".svg", ".pdf"))
+
+
+def _rows(word: str) -> Path:
+    return _ending(word, (".csv", ".parquet"))
+
+
+def _exported(word: str) -> Path:
+    return _ending(word, (".glb", ".npy"))
 
 
 def _count_or_none(word: str) -> int | None:

@@ -20,6 +20,7 @@ probably: rows are flipped: the first row is the bottom one (leaves 0 of ... une
 
 from __future__ import annotations
 
+import itertools
 import os
 import re
 from collections.abc import Callable, Iterator
@@ -49,6 +50,14 @@ Picture = str | os.PathLike[str] | bool | None
 #: How far from a pixel's centre an edge may explain a difference, in pixels: OpenGL snaps corners to 1/256; ray casters
 #: in float32 need a quarter of that.
 REACH = 1 / 256
+
+#: Where the first sample of a multisampled pixel may lie, from its centre: of 2, 4 and 8 samples, and mirrored, where
+#: rows go the other way. A depth buffer that is resolved has the depth of that one.
+SAMPLES = ((1 / 4, 1 / 4), (1 / 8, 3 / 8), (3 / 8, 1 / 8), (1 / 16, 3 / 16), (3 / 16, 1 / 16))
+
+#: Roundings of float32 on the way from a pixel to a coordinate of its warped place: six each in the numerator and the
+#: denominator (three products, their sum, the disparity's product and sum), the quotient, and two for the viewport.
+_ROUNDINGS = 15
 
 #: A mistake is named if it explains all but this share of what was unexplained.
 _TELLING = 0.2
@@ -327,7 +336,7 @@ def assert_warp_matches(
     *,
     splat: Splat = 3,
     levels: float = 2.0,
-    allowed: float = 1e-3,
+    allowed: float | None = None,
     picture: Picture = None,
 ) -> None:
     """Asserts that a forward warp shows what ours does, within a pixel.
@@ -349,9 +358,11 @@ def assert_warp_matches(
     splat : int or {"projected", "disparity", "mesh"}
         Of our warp; see `cyclorama.warp.forward`.
     levels : float
-        By how many of 255 a colour may be off: two for renderers that interpolate or convert it.
-    allowed : float
-        Share of pixels that may differ by more.
+        By how many of 255 a colour may be off. Two: half a level each where the caller's colour and ours are rounded to
+        bytes, and one where a texture unit's weights have 8 bits. A renderer that copies samples passes with 0.
+    allowed : float, optional
+        Share of pixels that may differ by more: by default that of the samples which float32 may round into another
+        pixel, see Notes.
     picture : path or bool, optional
         As for `assert_ids_match`.
 
@@ -361,6 +372,15 @@ def assert_warp_matches(
         If more differs.
     ValueError
         If a shape or type is none of these.
+
+    Notes
+    -----
+    Both sides may work in float32. A coordinate of up to N pixels, the picture's longer side, is then off by at most
+    ``e = 15 * N / 2**24`` pixels after the 15 roundings between a pixel and its warped place. A sample falls into
+    another pixel only if it is so near to one of the four sides of its own, which a share of ``4 * e`` of them are: 0.2
+    % of a picture of 640 pixels. Splats of such a sample lie one pixel aside and show its own colour, which the nine
+    pixels explain, but where it hides, or stops hiding, something else. So ``4 * e`` is what is allowed; each sample
+    beyond it is no matter of rounding.
 
     Examples
     --------
@@ -379,7 +399,8 @@ def assert_warp_matches(
     ours = warp.forward(image, camera, splat=splat)
     wrong = _unlike_warp(ours, theirs, holes, levels)
     count, pixels = int(wrong.sum()), wrong.size
-    if count <= allowed * pixels:
+    share = 4 * _ROUNDINGS * max(camera.width, camera.height) / 2**24 if allowed is None else allowed
+    if count <= share * pixels:
         return
     filled, lost = wrong & ours.hole & ~holes, wrong & ~ours.hole & holes
     lines = [
@@ -484,6 +505,12 @@ def _shifted_cameras(camera: Camera) -> Iterator[tuple[str, Camera]]:
             K[:2, 2] += step * dx, step * dy
             beside = f"({step * dx:+g}, {step * dy:+g})"
             yield f"the picture is shifted by {beside} pixels: where are pixel centres?", camera.replace(K=K)
+    for across, down in SAMPLES:
+        for right, below in itertools.product((across, -across), (down, -down)):
+            K = camera.K.copy()
+            K[:2, 2] -= right, below
+            beside = f"({right:+g}, {below:+g})"
+            yield f"a sample {beside} beside the pixels' centres is shown: multisampling?", camera.replace(K=K)
 
 
 def _pictures_gone_wrong(scene: Scene, camera: Camera, unlike: Callable[[View], int]) -> Iterator[tuple[str, int]]:
