@@ -94,8 +94,8 @@ def test_a_worker_holds_what_the_tasks_share_once_and_drops_it_for_the_next():
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
         rest = list(executors.Team(pool, 0).run(held, [(0,)]))[-1]
         peaks = [list(executors.Team(pool, value).run(held, zip(range(12)))) for value in (scene, another)]
-    # The value, its pickle, which is kept to be sent on, and that of a task on its way in; beside an older value and its
-    # pickle, until they are replaced.
+    # The value, its pickle, which is kept to be sent on, and that of a task on its way in; for a while beside these an
+    # older value and its pickle.
     assert rest + 2 * scene.nbytes < peaks[0][-1] < rest + 4 * scene.nbytes
     assert peaks[1][-1] < rest + 5.5 * scene.nbytes
 

@@ -66,6 +66,11 @@ class Composed:
     faces: int
     camera: Camera
 
+    def __repr__(self) -> str:
+        height, width = self.ids.shape
+        share = np.count_nonzero(self.layer == IMAGE) / self.layer.size
+        return f"<Composed: {width} x {height}, {self.faces:,} faces drawn, {share:.1%} is picture>"
+
     @classmethod
     def empty(cls, camera: Camera) -> Composed:
         """Nothing, as a camera sees it."""

@@ -52,6 +52,11 @@ class View:
         self._scene._mesh.shade(stack([self.camera]), self.ids, picture, self._scene.colors)
         return picture
 
+    def __repr__(self) -> str:
+        owners = np.unique(self.ids[self.ids != BACKGROUND])
+        height, width = self.ids.shape
+        return f"<View: {width} x {height}, {len(owners):,} faces own a pixel>"
+
 
 def render(
     scene: Scene,

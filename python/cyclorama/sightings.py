@@ -130,6 +130,9 @@ class NextView:
     gain: float
     left: float
 
+    def __repr__(self) -> str:
+        return f"<NextView: candidate {self.view}, the first to see {len(self.faces):,} faces, {self.left:.4g} left>"
+
 
 def sightings(
     scene: Scene, cameras: Sequence[Camera], *, threads: int | None = None, progress: Progress = None

@@ -39,6 +39,10 @@ class Seen:
     depth: npt.NDArray[np.float32]
     exact: bool
 
+    def __repr__(self) -> str:
+        height, width = self.hole.shape
+        return f"<Seen: {width} x {height}, {self.hole.mean():.1%} hole{', exact' if self.exact else ''}>"
+
 
 def view(store: Store | str | os.PathLike[str], t: float, camera: Camera, *, threads: int | None = None) -> Seen:
     """What is seen from a place of the track.

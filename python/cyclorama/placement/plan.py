@@ -86,6 +86,10 @@ class Frame:
         """All images of the frame."""
         return () if self.image is None else (self.image, *self.others)
 
+    def __repr__(self) -> str:
+        coarser = f" and {sum(map(len, self.levels)):,} coarser ones" if self.levels else ""
+        return f"<Frame: {len(self.faces):,} faces{coarser}, {len(self.images)} images>"
+
 
 @dataclass(frozen=True, eq=False)
 class Images:
