@@ -8,6 +8,8 @@ Tiles and bytes that culling keeps, what it loses, and how good views between re
 from __future__ import annotations
 
 import argparse
+import gzip
+import io
 from functools import partial
 from pathlib import Path
 
@@ -71,6 +73,32 @@ def spacious():
     return scene, Track([(-20.0, 1.7, 0.0), (-14.0, 1.7, 0.0)]), (0, 1, 0)
 
 
+def plainly(survey):
+    """Bytes of all tiles of all slabs, empty ones too, each by itself: a PNG of 8-bit RGBA, and its quads, 7 numbers of
+    16 bits each, in a gzip file."""
+    from PIL import Image
+
+    def png(pixels):
+        file = io.BytesIO()
+        Image.fromarray(pixels).save(file, "PNG", compress_level=6)
+        return len(file.getvalue())
+
+    side, pictures, quads = survey.tile, 0, 0
+    nothing = png(np.zeros((side, side, 4), np.uint8)), len(gzip.compress(b""))
+    for reference in survey.references:
+        for slab in reference.slabs:
+            rows, columns = slab.tiles.shape
+            owners = slab.quads[:, 1].astype(int) // side * columns + slab.quads[:, 0] // side
+            order = np.argsort(owners, kind="stable")
+            ends = np.searchsorted(owners[order], np.arange(rows * columns + 1))
+            tiles = slab.pixels.reshape(rows, side, columns, side, 4).swapaxes(1, 2).reshape(-1, side, side, 4)
+            for number, there in enumerate(slab.tiles.ravel()):
+                own = slab.quads[order[ends[number] : ends[number + 1]]]
+                pictures += png(np.ascontiguousarray(tiles[number])) if there else nothing[0]
+                quads += len(gzip.compress(own.tobytes(), 6)) if there else nothing[1]
+    return pictures, quads
+
+
 def tables(name, scene, track, up, size, views, references, alphas):
     places = np.linspace(0, 1, references)
     # As far apart whatever their number.
@@ -82,6 +110,7 @@ def tables(name, scene, track, up, size, views, references, alphas):
         ", ".join(f"{far:.4g}" for _, far in survey.cuts[:-1]),
         f"({seconds:.0f} s)",
     )
+    plain = plainly(survey)
     print("method  alpha  slab   tiles    kept  culled    paper    bytes     kept")
     for method in ("exact", "paper"):
         rows = survey.table(method, alphas)
@@ -96,14 +125,18 @@ def tables(name, scene, track, up, size, views, references, alphas):
         raw = every * survey.tile**2 * 4
         kept_raw, stored = sum(row.kept_raw for row in strict), sum(row.kept_bytes for row in strict)
         before, before_raw = sum(row.bytes for row in strict), sum(row.raw for row in strict)
-        webp = sum(row.kept_bytes for row in survey.table(method, (1.0,), codec="webp"))
+        pictures = sum(row.kept_pictures for row in strict)
+        kept = sum(row.kept for row in strict) / every
         print(
-            f"{method}: tiles {every}, {sum(row.tiles for row in strict) / every:.1%} not empty, "
-            f"{sum(row.kept for row in strict) / every:.1%} kept; 4 bytes a pixel and quads: every tile "
-            f"{raw / 1e6:.1f} MB, not empty {before_raw / 1e6:.1f}, kept {kept_raw / 1e6:.1f} "
-            f"({raw / kept_raw:.2f} times fewer); as stored: not empty {before / 1e6:.2f}, kept {stored / 1e6:.2f} "
-            f"(WebP {webp / 1e6:.2f})\n"
-            f"viewpoints in 64 MB of stored files: {64e6 * references / before:.0f} unculled, "
+            f"{method}: tiles {every}, {sum(row.tiles for row in strict) / every:.1%} not empty, {kept:.1%} kept "
+            f"({1 / kept:.2f} times fewer)\n"
+            f"  4 bytes a pixel, 14 a quad: every tile {raw / 1e6:.1f} MB, not empty {before_raw / 1e6:.1f}, kept "
+            f"{kept_raw / 1e6:.1f} ({raw / kept_raw:.2f} times fewer)\n"
+            f"  each tile a PNG and a gzip file: every tile {sum(plain) / 1e6:.2f} MB (pictures {plain[0] / 1e6:.2f}, "
+            f"quads {plain[1] / 1e6:.2f})\n"
+            f"  as stored: not empty {before / 1e6:.2f} MB, kept {stored / 1e6:.2f} (pictures {pictures / 1e6:.2f}, "
+            f"quads {(stored - pictures) / 1e6:.2f}): {sum(plain) / stored:.1f} times fewer than every tile\n"
+            f"  viewpoints in 64 MB of stored files: {64e6 * references / before:.0f} unculled, "
             f"{64e6 * references / stored:.0f} culled; in 512 MB of decoded tiles and quads: "
             f"{512e6 * references / before_raw:.0f} and {512e6 * references / kept_raw:.0f}"
         )

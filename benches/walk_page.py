@@ -3,8 +3,9 @@
     python benches/walk_page.py [--columns 2048] [--picture docs/figures/walk.png]
 
 The first picture is complete when every tile in sight is there: milliseconds since the page was asked for, server and
-browser on one machine. The rate is that of whole pictures of 1280 x 720 half-way between two references, each of them
-waited for. With --picture it also writes what the page shows.
+browser on one machine. Rates are those of whole pictures of 1280 x 720 at a reference and beside one, each of them
+waited for; and those of a walk, while which the page takes fewer pixels where pictures come late. With --picture it
+also writes what the page shows.
 """
 
 from __future__ import annotations
@@ -37,6 +38,23 @@ async (count) => {
   return (1000 * count) / (performance.now() - start);
 }
 """
+# Walks and turns as fast as pictures come: pictures a second, and the share of a row's pixels in them.
+WALK = """
+async (seconds) => {
+  const { go, state } = window.cyclorama;
+  const [start, before] = [performance.now(), state().frames];
+  await new Promise((done) => {
+    const step = () => {
+      const since = (performance.now() - start) / 1000;
+      if (since > seconds) return done();
+      go(0.25 + 0.1 * Math.sin(since), 0.3 * Math.sin(since));
+      requestAnimationFrame(step);
+    };
+    step();
+  });
+  return [(1000 * (state().frames - before)) / (performance.now() - start), state().sharp];
+}
+"""
 COMPLETE = "window.cyclorama && window.cyclorama.state().complete"
 
 
@@ -55,7 +73,10 @@ def main():
     parser.add_argument("--picture", type=Path)
     given = parser.parse_args()
     print(f"castle, {given.columns} x {given.columns // 4}, three references; 1280 x 720, Chromium, SwiftShader")
-    print("slabs  store MB   first picture ms  received MB  quads in sight  at a reference /s  between /s")
+    print(
+        "slabs  store MB   first picture ms  received MB  quads in sight  at a reference /s  between /s  moving /s  "
+        "of a row's pixels"
+    )
     with browser() as running, tempfile.TemporaryDirectory() as folder:
         for slabs in given.slabs:
             out = Path(folder) / str(slabs)
@@ -67,6 +88,7 @@ def main():
                     first = page.evaluate("window.cyclorama.state()")
                     quads = page.evaluate("window.cyclorama.state().quads")
                     between = page.evaluate(RATE, given.frames)
+                    moving, sharp = page.evaluate(WALK, 4)
                     page.evaluate("window.cyclorama.go(0.5)")
                     page.wait_for_function(COMPLETE, timeout=120_000)
                     exact = page.evaluate(RATE, given.frames)
@@ -77,7 +99,7 @@ def main():
                         page.screenshot(path=str(given.picture))
                 print(
                     f"{slabs:5d}  {store.bytes / 1e6:8.2f} {first['first']:18.0f} {first['received'] / 1e6:12.2f} "
-                    f"{quads:15,} {exact:18.1f} {between:11.1f}",
+                    f"{quads:15,} {exact:18.1f} {between:11.1f} {moving:10.1f} {sharp:18.2f}",
                     flush=True,
                 )
 

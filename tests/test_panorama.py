@@ -6,6 +6,7 @@ import errno
 import gzip
 import json
 import shutil
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -155,6 +156,33 @@ def test_pictures_lie_on_slanted_quads_where_their_pixels_were():
     pixel = 2 * np.pi / columns * (truth**2).sum(axis=1) / aside
     off = (seen.color[known][:, 0].astype(float) - grey(truth)[:, 0]) / 255 * 8
     assert np.abs(off / pixel).max() < 1 + 8 / 255 / pixel.min()
+
+
+def test_what_lies_just_behind_a_slabs_last_surface_does_not_break_through():
+    """A dark sheet on a light wall: the farther slab begins with the wall behind the nearer one's last dark pixels."""
+    wall = [(x, y, -2.0) for x, y in ((-2, -3), (20, -3), (20, 3), (-2, 3))]
+    sheet = [(x, y, -1.98) for x, y in ((-1, -1.5), (10, -1.5), (10, 1.5), (-1, 1.5))]
+    corners = np.array(wall + sheet)
+    faces = np.array([(0, 1, 2), (0, 2, 3), (4, 5, 6), (4, 6, 7)])
+    colors = np.array([(230, 220, 200)] * 2 + [(40, 30, 20)] * 2, np.uint8)
+    scene = cyc.Scene(corners, faces, colors)
+    track = Track([(0, 0, 0), (0.5, 0, 0)])
+    survey = Survey(scene, track, [6.0], (1024, 256), places=[0.0, 1.0], allow_outside=True, progress=False)
+    told = survey.references
+    untold = [replace(ref, slabs=tuple(replace(slab, error=0.0) for slab in ref.slabs)) for ref in told]
+    broken = []
+    for between in (0.25, 0.5, 0.75):
+        eye = track.at(between)
+        camera = cyc.Camera.look_at(eye, (5.7, 0, -2), fov_y=30, width=320, height=240)
+        inside = np.pad(np.isin(scene.render(camera).ids, (2, 3))[1:-1, 1:-1], 1)
+        for _ in range(3):
+            inside[1:-1, 1:-1] &= inside[:-2, 1:-1] & inside[2:, 1:-1] & inside[1:-1, :-2] & inside[1:-1, 2:]
+        assert np.count_nonzero(inside) > 10_000
+        for references in (told, untold):
+            seen = seen_between(references, between, survey.projection, camera, (255, 0, 255))
+            broken.append(np.count_nonzero(seen.color[inside].max(axis=1) > 100))
+    assert not any(broken[::2])
+    assert any(broken[1::2]), "the scene tests nothing: nothing breaks through where no slab says its error"
 
 
 @pytest.fixture(scope="module")
@@ -387,6 +415,46 @@ def test_damaged_stores_are_refused_by_name(house, eye, tmp_path):
         Store(tmp_path / "nowhere")
 
 
+def quads_as_documented(packed, cells, tile, across):
+    """The quads of a file, from the words of `cyclorama.panorama.tiles` alone."""
+    count = int.from_bytes(packed[:4], "little")
+    low, high = np.frombuffer(packed[4 : 4 + 8 * count], "u1").reshape(2, 4, count).astype(int)
+    folded = low + 256 * high
+    differences = np.where(folded % 2, -(folded + 1) // 2, folded // 2).T.tolist()
+    bits = iter(np.unpackbits(np.frombuffer(packed[4 + 8 * count :], "u1"), bitorder="little").tolist())
+    known, quads = {}, []
+
+    def walk(opaque, x, y):
+        side = len(opaque)
+        if not opaque.any():
+            return
+        if side == 1 or next(bits):
+            places = [(x, y), (x + side, y), (x, y + side), (x + side, y + side)]
+            before = quads[-1][3] if quads else 0
+            corners = []
+            for k, difference in enumerate(differences[len(quads)]):
+                if k == 0:
+                    guess = next((known[place] for place in places if place in known), before)
+                else:
+                    guess = corners[0] if k < 3 else (corners[1] + corners[2] - corners[0]) % 65536
+                    there = known.get(places[k])
+                    if there is not None and min((there - guess) % 65536, (guess - there) % 65536) <= 32:
+                        guess = there
+                corners.append((guess + difference) % 65536)
+            known.update(zip(places, corners, strict=True))
+            quads.append([x, y, side, *corners])
+            return
+        half = side // 2
+        for down in (0, half):
+            for right in (0, half):
+                walk(opaque[down : down + half, right : right + half], x + right, y + down)
+
+    for number, opaque in cells.items():
+        walk(opaque, number % across * tile, number // across * tile)
+    assert len(quads) == count
+    return np.array(quads)
+
+
 def test_plain_tools_open_the_store(walk, folder):
     """Pillow, gzip and json, as the module's text says, and nothing of ours."""
     image = pytest.importorskip("PIL.Image", reason="needs Pillow to read tiles")
@@ -397,13 +465,14 @@ def test_plain_tools_open_the_store(walk, folder):
     tile, across = manifest["tile"], manifest["size"][0] // manifest["tile"]
     total = 0
     for sector in slab["sectors"]:
-        picture = np.asarray(image.open(where / sector["image"]))
-        low, high = np.frombuffer(gzip.decompress((where / sector["quads"]).read_bytes()), "u1").reshape(2, 7, -1)
-        folded = low + 256 * high.astype(int)
-        v = np.where(folded % 2, -(folded + 1) // 2, folded // 2)
-        a = np.cumsum(v[3])
-        found = np.stack([np.cumsum(v[0]), np.cumsum(v[1]), v[2], a, a + v[4], a + v[5], a + v[4] + v[5] + v[6]], 1)
-        np.testing.assert_array_equal(found % 65536, reference.slabs[1].quads[total : total + len(found)])
+        picture = np.asarray(image.open(where / sector["image"]).convert("RGBA"))
+        packed = gzip.decompress((where / sector["quads"]).read_bytes())
+        cells = {}
+        for index, number in enumerate(sector["tiles"]):
+            top, left = index // 8 * (tile + 2) + 1, index % 8 * (tile + 2) + 1
+            cells[number] = picture[top : top + tile, left : left + tile, 3] > 0
+        found = quads_as_documented(packed, cells, tile, across)
+        np.testing.assert_array_equal(found, reference.slabs[1].quads[total : total + len(found)])
         total += len(found)
         for index, number in enumerate(sector["tiles"]):
             top, left = index // 8 * (tile + 2) + 1, index % 8 * (tile + 2) + 1
@@ -413,9 +482,16 @@ def test_plain_tools_open_the_store(walk, folder):
     assert total == len(reference.slabs[1].quads)
 
 
+CODECS = ("smallest", "png", "webp")
+
+
 def test_codecs_are_lossless(house, eye, tmp_path):
-    stores = [bake_small(house, eye, tmp_path / codec, codec=codec, spacing=0.4) for codec in ("png", "webp")]
-    np.testing.assert_array_equal(*(store.panorama(1) for store in stores))
+    stores = [bake_small(house, eye, tmp_path / codec, codec=codec, spacing=0.4) for codec in CODECS]
+    for store in stores[1:]:
+        np.testing.assert_array_equal(store.panorama(1), stores[0].panorama(1))
+        for own, other in zip(store.reference(1).slabs, stores[0].reference(1).slabs, strict=True):
+            np.testing.assert_array_equal(own.quads, other.quads)
+    assert stores[0].bytes <= min(store.bytes for store in stores[1:])
     with pytest.raises(ValueError, match="codec must be"):
         bake_small(house, eye, tmp_path / "jpg", codec="jpg")
 

@@ -142,7 +142,7 @@ def test_a_client_reconstructs_what_the_folder_gives(walk, url):
 
 
 def test_a_clients_cache_keeps_to_its_bytes(walk, url):
-    names = [name for name in files_of(walk) if name.endswith(".png")]
+    names = [name for name in files_of(walk) if name.endswith((".png", ".webp"))]
     limit = max((walk / name).stat().st_size for name in names) * 2
     source = Server(url, cache=limit)
     for name in names * 2:
@@ -165,7 +165,7 @@ def test_what_lies_ahead_is_fetched_before_it_is_asked_for(walk, url):
 def test_damaged_and_missing_files_are_said_and_the_rest_is_served(walk, tmp_path):
     copy = tmp_path / "walk"
     shutil.copytree(walk, copy)
-    pictures = [name for name in files_of(copy) if name.endswith(".png")]
+    pictures = [name for name in files_of(copy) if name.endswith((".png", ".webp"))]
     cut, gone, whole = pictures[:3]
     (copy / cut).write_bytes((copy / cut).read_bytes()[:-7])
     (copy / gone).unlink()

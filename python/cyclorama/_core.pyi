@@ -457,7 +457,7 @@ class Plan:
     def images(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]: ...
     def angles(self, forward: tuple[float, float, float]) -> tuple[float, float]: ...
 
-_Slab = tuple[npt.NDArray[np.uint8], npt.NDArray[np.uint16], tuple[float, float]]
+_Slab = tuple[npt.NDArray[np.uint8], npt.NDArray[np.uint16], tuple[float, float], float]
 
 @final
 class Panorama:
@@ -484,6 +484,12 @@ class Panorama:
         step: float,
         threads: int | None = None,
     ) -> tuple[npt.NDArray[np.uint16], tuple[float, float], float]: ...
+    def packed(
+        self, opaque: npt.NDArray[np.bool_], tile: int, tiles: list[int], quads: npt.NDArray[np.uint16]
+    ) -> bytes: ...
+    def unpacked(
+        self, opaque: npt.NDArray[np.bool_], tile: int, tiles: list[int], bytes: bytes
+    ) -> npt.NDArray[np.uint16]: ...
     def kept(
         self,
         slabs: list[npt.NDArray[np.float32]],

@@ -4,6 +4,7 @@
 //! A panorama's axes are `right`, `up` and `back`: its middle column looks along `-back`, columns to the right of it turn
 //! to the right. *Range* is the distance from the viewpoint, *disparity* its inverse.
 
+pub mod coding;
 pub mod cull;
 pub mod links;
 pub mod projection;

@@ -1,7 +1,7 @@
 //! A slab's depth as quads (2003 paper, sections 3 and 4: "the depth slabs are down-sampled to quad-meshes").
 //!
 //! A quad is a square block of a tile's pixels with a disparity at each corner. Blocks are halved until bilinear
-//! interpolation meets all opaque pixels within a tolerance; a pixel alone is met exactly, but for rounding to steps of a sixteenth of that, or to 16 bits. The
+//! interpolation meets all opaque pixels within a tolerance; a pixel alone is met exactly, but for rounding to steps of a quarter of that, or to 16 bits. The
 //! paper halves nothing: its meshes have one density. Corners of neighbouring blocks of one surface are the same value, so
 //! gaps open only where a block meets smaller ones, within the tolerance, and where the surface itself is cut.
 
@@ -18,14 +18,14 @@ pub type Quad = [u16; 7];
 pub const STEPS: f32 = u16::MAX as f32;
 
 /// Steps in a tolerance, at most.
-const FINE: f32 = 16.0;
+const FINE: f32 = 4.0;
 
 /// What a slab's quads are made by.
 #[derive(Debug, Clone, Copy)]
 pub struct Rule {
     /// Pixels a side of a tile: a power of two.
     pub tile: usize,
-    /// How far, in disparity, a quad may be from a pixel.
+    /// How far, in disparity, a quad may be from a pixel, roundings with it.
     pub tolerance: f32,
     /// A gap of so much disparity between neighbours is closed: see [`links`].
     pub step: f32,
@@ -60,7 +60,8 @@ pub fn quads(disparity: &[f32], width: usize, rule: Rule, control: &Control) -> 
     if high == 0.0 {
         return Ok(Quads { quads: vec![], limits: [0.0, 0.0], error: 0.0 });
     }
-    let slab = Slab { disparity, flags: &flags, width, height, tolerance };
+    // Half a step is for rounding.
+    let slab = Slab { disparity, flags: &flags, width, height, tolerance: tolerance * (1.0 - 0.5 / FINE) };
     let across = width / tile;
     let tiles = (0..across * (height / tile)).into_par_iter().map(|index| {
         let mut found = Vec::new();
@@ -303,7 +304,7 @@ mod tests {
                 }
             }
             prop_assert!(covered.iter().zip(&pixels).all(|(&times, &q)| times <= 1 && (times == 1 || q == 0.0)));
-            prop_assert!(found.error <= RULE.tolerance * (1.0 + 0.5 / FINE) + 2.0 / STEPS);
+            prop_assert!(found.error <= RULE.tolerance + 2.0 / STEPS);
         }
     }
 

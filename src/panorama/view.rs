@@ -1,7 +1,8 @@
 //! Views between viewpoints: the quads of slabs seen from elsewhere, and two such pictures combined (2003 paper, section 3).
 //!
 //! Slabs are composed front to back; where surfaces of different slabs cross as seen from the new eye, the nearer one
-//! stays, which an order of slabs alone would get wrong.
+//! stays, which an order of slabs alone would get wrong. Nearer by more than both slabs' quads may be off, that is: a farther
+//! slab has what lies just behind the last surfaces of the nearer one, and would break through them.
 
 use super::projection::Projection;
 use super::quads::{Quad, STEPS};
@@ -19,6 +20,8 @@ pub struct Slab<'a> {
     pub quads: &'a [Quad],
     /// Disparities of steps 0 and [`STEPS`].
     pub limits: [f32; 2],
+    /// How far, in disparity, quads may be from what they stand for.
+    pub error: f32,
 }
 
 /// A viewpoint and its slabs, nearest first.
@@ -87,7 +90,13 @@ pub fn draw(
         disparity: vec![0.0; camera.width * camera.height],
     };
     let rows = (BAND / camera.width).clamp(1, camera.height);
+    // What surfaces are compared by: disparities along the axis, less the back of their slab.
+    let mut front = vec![f32::NEG_INFINITY; camera.width * camera.height];
+    let mut back = 0.0;
+    let mut before: Option<&Slab<'_>> = None;
     for slab in &reference.slabs {
+        back += before.map_or(0.0, |nearer| f64::from(nearer.error) + f64::from(slab.error));
+        before = Some(slab);
         let triangles: Vec<Triangle<'_>> = slab
             .quads
             .par_iter()
@@ -96,23 +105,21 @@ pub fn draw(
         let bands = picture
             .color
             .par_chunks_mut(rows * camera.width)
-            .zip(picture.disparity.par_chunks_mut(rows * camera.width));
-        bands.enumerate().try_for_each(|(band, (color, disparity))| {
+            .zip(picture.disparity.par_chunks_mut(rows * camera.width))
+            .zip(front.par_chunks_mut(rows * camera.width));
+        bands.enumerate().try_for_each(|(band, ((color, disparity), front))| {
             let top = band * rows;
             let bottom = top + disparity.len() / camera.width;
             for triangle in triangles.iter().filter(|t| t.rows[0] < bottom && t.rows[1] > top) {
                 for y in triangle.rows[0].max(top)..triangle.rows[1].min(bottom) {
                     let start = (y - top) * camera.width;
                     let line = start..start + camera.width;
-                    fill(
-                        projection,
-                        triangle,
-                        &from_pixel,
-                        y,
-                        camera,
-                        &mut color[line.clone()],
-                        &mut disparity[line],
-                    );
+                    let row = Row {
+                        color: &mut color[line.clone()],
+                        disparity: &mut disparity[line.clone()],
+                        front: &mut front[line],
+                    };
+                    fill(projection, triangle, &from_pixel, y, camera, back, row);
                 }
             }
             control.step(1)
@@ -140,6 +147,9 @@ fn check(projection: &Projection, reference: &Reference<'_>) -> Result<(), Error
         }
         if !(slab.limits[0].is_finite() && slab.limits[1].is_finite() && 0.0 <= slab.limits[0]) {
             return Err(Error::Invalid(format!("slab {index} has disparities {:?}", slab.limits)));
+        }
+        if !(slab.error.is_finite() && slab.error >= 0.0) {
+            return Err(Error::Invalid(format!("slab {index} has an error of {}", slab.error)));
         }
     }
     Ok(())
@@ -225,7 +235,14 @@ fn bounds(corners: &[DVec3; 3], camera: &Camera) -> Option<[[usize; 2]; 2]> {
     Some(bounds)
 }
 
-/// Draws a row of a triangle.
+/// A row of a picture.
+struct Row<'a> {
+    color: &'a mut [[u8; 3]],
+    disparity: &'a mut [f32],
+    front: &'a mut [f32],
+}
+
+/// Draws a row of a triangle, as if it were farther by `back` of disparity where it meets other slabs.
 #[inline]
 fn fill(
     projection: &Projection,
@@ -233,8 +250,8 @@ fn fill(
     from_pixel: &glam::DMat3,
     y: usize,
     camera: &Camera,
-    color: &mut [[u8; 3]],
-    disparity: &mut [f32],
+    back: f64,
+    row: Row<'_>,
 ) {
     let start = *from_pixel * dvec3(triangle.columns[0] as f64 + 0.5, y as f64 + 0.5, 1.0);
     let along = from_pixel.x_axis;
@@ -248,7 +265,9 @@ fn fill(
         if weights.iter().any(|&w| w < -EDGE * inverse) {
             continue;
         }
-        if !(f64::from(disparity[x]) < inverse && inverse <= nearest) {
+        // Along a ray that is so much longer than its depth, errors of disparity are as much greater.
+        let compared = inverse - back * (start + k * along).length();
+        if !(f64::from(row.front[x]) < compared && inverse <= nearest) {
             continue;
         }
         let shares: [f64; 3] = std::array::from_fn(|i| weights[i] * triangle.ranges[i]);
@@ -257,8 +276,9 @@ fn fill(
             (0..3).map(|i| shares[i] * triangle.texture[i][axis]).sum::<f64>() / sum
         });
         if let Some(found) = sample(projection, triangle.slab.pixels, at, triangle.single) {
-            color[x] = found;
-            disparity[x] = inverse as f32;
+            row.color[x] = found;
+            row.disparity[x] = inverse as f32;
+            row.front[x] = compared as f32;
         }
     }
 }

@@ -3,6 +3,7 @@
 use super::arrays::{row_major, rows_of};
 use super::interrupt;
 use super::render::{CameraArrays, PyMesh, cameras};
+use crate::panorama::coding::{self, Part};
 use crate::panorama::cull::{self, Method};
 use crate::panorama::projection::{Kind, Projection};
 use crate::panorama::quads::{self, Rule};
@@ -15,13 +16,14 @@ use numpy::{
 };
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+use pyo3::types::PyBytes;
 
 /// The pixels of a panorama.
 #[pyclass(name = "Panorama", frozen)]
 pub struct PyPanorama(Projection);
 
-/// A slab: colour and opacity, quads, disparities of the first and last step.
-type SlabArrays<'py> = (PyReadonlyArray3<'py, u8>, PyReadonlyArray2<'py, u16>, [f32; 2]);
+/// A slab: colour and opacity, quads, disparities of the first and last step, the greatest error.
+type SlabArrays<'py> = (PyReadonlyArray3<'py, u8>, PyReadonlyArray2<'py, u16>, [f32; 2], f32);
 
 /// A viewpoint and its slabs.
 type ReferenceArrays<'py> = ([f64; 3], Vec<SlabArrays<'py>>);
@@ -115,6 +117,36 @@ impl PyPanorama {
         Ok((values, found.limits, found.error))
     }
 
+    /// The bytes of the quads of some tiles, for `unpacked`.
+    fn packed<'py>(
+        &self,
+        py: Python<'py>,
+        opaque: PyReadonlyArray2<'_, bool>,
+        tile: usize,
+        tiles: Vec<usize>,
+        quads: PyReadonlyArray2<'_, u16>,
+    ) -> PyResult<Bound<'py, PyBytes>> {
+        let part = self.part(&opaque, tile, &tiles)?;
+        let quads = rows_of::<7, _, _>("quads", &quads)?;
+        let bytes = py.detach(|| coding::pack(&part, quads))?;
+        Ok(PyBytes::new(py, &bytes))
+    }
+
+    /// The quads that `packed` made bytes of.
+    fn unpacked<'py>(
+        &self,
+        py: Python<'py>,
+        opaque: PyReadonlyArray2<'_, bool>,
+        tile: usize,
+        tiles: Vec<usize>,
+        bytes: &[u8],
+    ) -> PyResult<Bound<'py, PyArray2<u16>>> {
+        let part = self.part(&opaque, tile, &tiles)?;
+        let quads = py.detach(|| coding::unpack(&part, bytes))?;
+        let count = quads.len();
+        PyArray1::from_vec(py, quads.into_flattened()).reshape([count, 7])
+    }
+
     /// Which tiles of each slab to keep: by the paper's way if the slabs' `ends` are given.
     #[pyo3(signature = (slabs, tile, eyes, alpha, step, slack, ends=None, smallest=false, threads=None))]
     #[expect(clippy::too_many_arguments, reason = "one keyword each in Python")]
@@ -179,8 +211,27 @@ impl PyPanorama {
     }
 }
 
+impl PyPanorama {
+    fn part<'a>(
+        &self,
+        opaque: &'a PyReadonlyArray2<'_, bool>,
+        tile: usize,
+        tiles: &'a [usize],
+    ) -> PyResult<Part<'a>> {
+        if opaque.shape() != [self.0.height, self.0.width] {
+            return Err(PyValueError::new_err(format!(
+                "opaque must have shape ({}, {}), got {:?}",
+                self.0.height,
+                self.0.width,
+                opaque.shape()
+            )));
+        }
+        Ok(Part { opaque: row_major("opaque", opaque)?, width: self.0.width, tile, tiles })
+    }
+}
+
 fn reference<'a>((eye, slabs): &'a ReferenceArrays<'_>) -> PyResult<Reference<'a>> {
-    let slabs = slabs.iter().map(|(pixels, quads, limits)| {
+    let slabs = slabs.iter().map(|(pixels, quads, limits, error)| {
         if pixels.shape()[2] != 4 {
             return Err(PyValueError::new_err("a slab's pixels must have four channels"));
         }
@@ -188,6 +239,7 @@ fn reference<'a>((eye, slabs): &'a ReferenceArrays<'_>) -> PyResult<Reference<'a
             pixels: row_major("pixels", pixels)?.as_chunks().0,
             quads: rows_of::<7, _, _>("quads", quads)?,
             limits: *limits,
+            error: *error,
         })
     });
     Ok(Reference { eye: (*eye).into(), slabs: slabs.collect::<PyResult<_>>()? })

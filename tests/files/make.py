@@ -39,7 +39,7 @@ def answers(folder: Path) -> dict[str, object]:
     vis = cyc.Visibility.load(folder / "visibility-1.npz")
     plan = cyc.placement.Plan.load(folder / "plan-2.npz", shapes)
     frames = [plan.frame([0.1 * k, 0.2, 0.1 * k - 0.9], [0.6, 0.0, 0.8]) for k in range(5)]
-    walk = cyc.panorama.Store(folder / "walk-2")
+    walk = cyc.panorama.Store(folder / "walk-3")
     image = cyc.DepthImage.load(folder / "depth-image-1.npz")
     building = cyc.portals.Building.load(folder / "building-1.json", shapes)
     layered = [cyc.LayeredDepthImage.load(folder / f"layered-1.{kind}") for kind in ("npz", "exr")]
@@ -72,9 +72,9 @@ def main(folder: Path) -> None:
     ):
         if not (folder / name).exists():
             save(folder / name)
-    if not (folder / "walk-2").exists():
+    if not (folder / "walk-3").exists():
         cyc.panorama.bake(
-            shapes, [[0, 0, 0], [0.05, 0, 0]], 2, (64, 16), tile=16, places=[0.0], out=folder / "walk-2", progress=False
+            shapes, [[0, 0, 0], [0.05, 0, 0]], 2, (64, 16), tile=16, places=[0.0], out=folder / "walk-3", progress=False
         )
     if not (folder / "answers.json").exists():
         (folder / "answers.json").write_text(json.dumps(answers(folder)) + "\n")

@@ -6,6 +6,10 @@ import { Tiles } from "./walk/tiles.js";
 const MARGIN = 0.35; // radians beside the picture that are fetched, too
 const CACHE = 512 << 20;
 const STEP = 1 / 200; // of the track, a press of a key
+const REST = 250; // milliseconds without a move after which the picture is drawn in full
+const SLOW = 60; // milliseconds that a picture of a move may come late before it has fewer pixels
+const FAST = 25; // below which it has more
+const COARSEST = 0.4; // of the pixels of a row, while moving
 const asked = new URLSearchParams(location.search);
 
 const canvas = document.getElementById("picture");
@@ -36,7 +40,8 @@ async function start() {
   };
   let round = 0;
   let drawing = false;
-  const held = new Set();
+  // Pixels of a row that are drawn: all, or fewer while moving where that is slow.
+  const sharp = { now: 1, moving: 1, rest: 0 };
 
   const list = document.getElementById("slabs");
   walk.slabs.forEach(([near, far], index) => {
@@ -79,7 +84,7 @@ async function start() {
     const slabs = now.slabs.flatMap((on, index) => (on ? [index] : []));
     const sectors = sectorsInView(walk, now.yaw, halfWidth());
     try {
-      for (const reference of references) await tiles.fetch(reference, slabs, sectors);
+      await Promise.all(references.map((reference) => tiles.fetch(reference, slabs, sectors)));
       now.error = null;
       if (mine !== round) return;
       now.complete = true;
@@ -93,6 +98,35 @@ async function start() {
     }
     status.textContent = now.error ? `Something could not be fetched: ${now.error}` : "";
     report();
+  }
+
+  function resize() {
+    const ratio = Math.min(window.devicePixelRatio || 1, 2);
+    stage.resize(canvas.clientWidth, canvas.clientHeight, ratio * sharp.now);
+  }
+
+  function sharpen(share) {
+    if (sharp.now === share) return;
+    sharp.now = share;
+    resize();
+  }
+
+  /** The next pictures are of a move: drawn in full when it rests. */
+  function moved() {
+    clearTimeout(sharp.rest);
+    sharp.rest = setTimeout(() => {
+      sharp.rest = 0;
+      sharpen(1);
+      draw();
+    }, REST);
+  }
+
+  /** From how late a picture comes follows how many pixels it has. */
+  function adapt(late) {
+    if (!sharp.rest) return;
+    if (late > SLOW) sharp.moving = Math.max(COARSEST, sharp.moving * 0.75);
+    else if (late < FAST) sharp.moving = Math.min(1, sharp.moving / 0.75);
+    sharpen(sharp.moving);
   }
 
   function drawNow() {
@@ -120,7 +154,11 @@ async function start() {
   function draw() {
     if (drawing) return;
     drawing = true;
-    requestAnimationFrame(drawNow);
+    const asked = performance.now();
+    requestAnimationFrame(() => {
+      adapt(performance.now() - asked);
+      drawNow();
+    });
   }
 
   async function report() {
@@ -143,6 +181,7 @@ async function start() {
 
   function go(t, yaw = now.yaw, pitch = now.pitch) {
     const clamped = Math.min(Math.max(t, 0), 1);
+    if (clamped !== now.t || yaw !== now.yaw || pitch !== now.pitch) moved();
     if (clamped !== now.t) now.travel = Math.sign(clamped - now.t);
     Object.assign(now, { t: clamped, yaw, pitch: Math.min(Math.max(pitch, -1.55), 1.55) });
     slider.value = String(clamped);
@@ -166,7 +205,6 @@ async function start() {
     const move = MOVES[event.key];
     if (!move || event.ctrlKey || event.metaKey || (event.target === slider && event.key.startsWith("Arrow"))) return;
     event.preventDefault();
-    held.add(event.key);
     go(now.t + STEP * move[0], now.yaw + 0.06 * move[1], now.pitch + 0.06 * move[2]);
   });
   slider.addEventListener("input", () => go(Number(slider.value)));
@@ -195,16 +233,19 @@ async function start() {
     { passive: false },
   );
   new ResizeObserver(() => {
-    stage.resize(canvas.clientWidth, canvas.clientHeight, Math.min(window.devicePixelRatio || 1, 2));
+    resize();
     refresh();
   }).observe(canvas);
 
-  stage.resize(canvas.clientWidth, canvas.clientHeight, Math.min(window.devicePixelRatio || 1, 2));
+  resize();
   window.cyclorama = {
     walk,
     go,
-    draw: () => drawNow(),
-    state: () => ({ ...now, received: tiles.received, kept: tiles.bytes, eye: placeAt(walk, now.t) }),
+    draw() {
+      sharpen(1);
+      drawNow();
+    },
+    state: () => ({ ...now, sharp: sharp.now, received: tiles.received, kept: tiles.bytes, eye: placeAt(walk, now.t) }),
   };
   go(now.t);
 }

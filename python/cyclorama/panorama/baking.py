@@ -46,7 +46,7 @@ def bake(
     places: npt.ArrayLike | None = None,
     max_error: float | None = None,
     mesh_pixels: float = 0.25,
-    codec: Codec = "png",
+    codec: Codec = "smallest",
     background: tuple[int, int, int] = (255, 255, 255),
     up: npt.ArrayLike = (0.0, 1.0, 0.0),
     allow_outside: bool = False,
@@ -85,8 +85,9 @@ def bake(
         mean square. See `places_by_error`.
     mesh_pixels : float
         How far, in pixels, quads may move a pixel, for an eye at the next reference.
-    codec : {"png", "webp"}
-        Both are lossless; WebP takes longer and fewer bytes.
+    codec : {"smallest", "png", "webp"}
+        All are lossless. Of PNG (with a palette where that will do) and WebP, by default, whichever is smaller, file by
+        file; of PNG alone where Pillow has no WebP.
     background : (int, int, int)
         Red, green, blue where nothing is.
     up : (3,) array_like of float
@@ -176,7 +177,7 @@ def bake(
                 error=mesh_error(panorama, float(reach[index]), mesh_pixels),
             )
             made = [slab.without(keep) for slab, keep in zip(made, kept, strict=True)]
-            entry.update(_write(folder, f"{index:04d}", made, tile, codec))
+            entry.update(_write(folder, f"{index:04d}", panorama, made, tile, codec))
             manifest["complete"] = all("folder" in other for other in manifest["references"])
             _put(folder / MANIFEST, manifest)
         report(len(manifest["references"]))
@@ -225,11 +226,11 @@ def _put(path: Path, content: dict[str, Any]) -> None:
         file.write(json.dumps(content, indent=1).encode())
 
 
-def _write(folder: Path, name: str, slabs: list[Slab], tile: int, codec: Codec) -> dict[str, Any]:
+def _write(folder: Path, name: str, panorama: Projection, slabs: list[Slab], tile: int, codec: Codec) -> dict[str, Any]:
     """Writes the folder of a reference beside and renames it; what the manifest says of it."""
     beside = Path(tempfile.mkdtemp(dir=folder, prefix=name, suffix=".part"))
     try:
-        said = {"slabs": [_write_slab(beside, index, slab, tile, codec) for index, slab in enumerate(slabs)]}
+        said = {"slabs": [_write_slab(beside, index, panorama, slab, tile, codec) for index, slab in enumerate(slabs)]}
         content = json.dumps(said).encode()
         (beside / VIEW).write_bytes(content)
         total = sum(path.stat().st_size for path in beside.iterdir())
@@ -244,7 +245,7 @@ def _write(folder: Path, name: str, slabs: list[Slab], tile: int, codec: Codec) 
     return {"folder": name, "bytes": total, "sha256": hashlib.sha256(content).hexdigest()}
 
 
-def _write_slab(folder: Path, index: int, slab: Slab, tile: int, codec: Codec) -> dict[str, Any]:
+def _write_slab(folder: Path, index: int, panorama: Projection, slab: Slab, tile: int, codec: Codec) -> dict[str, Any]:
     shape = slab.pixels.shape[:2]
     across = shape[1] // tile
     owners = slab.quads[:, 1].astype(np.int64) // tile * across + slab.quads[:, 0] // tile
@@ -255,15 +256,16 @@ def _write_slab(folder: Path, index: int, slab: Slab, tile: int, codec: Codec) -
         numbers = numbers[kept[numbers]]
         if not len(numbers):
             continue
-        picture, packed = encode(slab.pixels, slab.quads[np.isin(owners, numbers)], numbers, tile, codec)
+        own = slab.quads[np.isin(owners, numbers)]
+        picture, kind, packed = encode(panorama, slab.pixels, own, numbers, tile, codec)
         entry: dict[str, Any] = {"sector": sector, "tiles": numbers.tolist()}
-        for kind, content, suffix in (("image", picture, codec), ("quads", packed, "quads.gz")):
+        for part, content, suffix in (("image", picture, kind), ("quads", packed, "quads.gz")):
             file = f"slab{index}-{sector:02d}.{suffix}"
             (folder / file).write_bytes(content)
             entry |= {
-                kind: file,
-                f"{kind}_bytes": len(content),
-                f"{kind}_sha256": hashlib.sha256(content).hexdigest(),
+                part: file,
+                f"{part}_bytes": len(content),
+                f"{part}_sha256": hashlib.sha256(content).hexdigest(),
             }
         sectors.append(entry)
     return {

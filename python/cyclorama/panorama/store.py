@@ -1,16 +1,16 @@
 """The folder of a walkthrough: what is in it, and reading it.
 
 ``manifest.json``
-    ``format``: "cyclorama walk 2". ``complete``: whether the bake came to its end. ``projection``, ``size``,
-    ``axes``: of the panoramas; rows of `axes` are right, up and back (see `Projection`). ``track``: ``points``,
-    ``spline``, ``closed`` (see `Track`); ``track_length``. ``tile``: pixels a side. ``codec``: "png" or "webp".
-    ``sector``: columns of tiles in a sector. ``slabs``: [nearest, farthest] range of each, nearest slab first; the
-    last one's farthest is null: no end. Renders reach over both ends by a share of ``overlap``, so that a surface
-    which two slabs cut leaves no gap. ``culling``: ``method`` ("exact", "paper" or null) and ``alpha``. ``mesh``:
-    quads of more than a pixel are drawn half a pixel larger on all sides; ``pixels``, how far in pixels of the
-    panorama a quad may move a pixel, for an eye at the next reference. ``background``: red, green, blue where nothing
-    is. ``made_by``: what drew it. ``references``: one entry a reference viewpoint, in the order of the track: ``t``
-    (0 to 1), ``eye``; and once it is drawn ``folder``, ``bytes``, ``sha256`` (of ``view.json`` in it).
+    ``format``: "cyclorama walk 3". ``complete``: whether the bake came to its end. ``projection``, ``size``, ``axes``:
+    of the panoramas; rows of `axes` are right, up and back (see `Projection`). ``track``: ``points``, ``spline``,
+    ``closed`` (see `Track`); ``track_length``. ``tile``: pixels a side. ``codec``: "png", "webp" or "smallest" (of
+    both). ``sector``: columns of tiles in a sector. ``slabs``: [nearest, farthest] range of each, nearest slab first;
+    the last one's farthest is null: no end. Renders reach over both ends by a share of ``overlap``, so that a surface
+    which two slabs cut leaves no gap. ``culling``: ``method`` ("exact", "paper" or null) and ``alpha``. ``mesh``: quads
+    of more than a pixel are drawn half a pixel larger on all sides; ``pixels``, how far in pixels of the panorama a
+    quad may move a pixel, for an eye at the next reference. ``background``: red, green, blue where nothing is.
+    ``made_by``: what drew it. ``references``: one entry a reference viewpoint, in the order of the track: ``t`` (0 to
+    1), ``eye``; and once it is drawn ``folder``, ``bytes``, ``sha256`` (of ``view.json`` in it).
 
 ``0000/view.json`` (a folder a reference)
     ``slabs``: one entry each: ``disparity``, [low, high] that the steps 0 and 65535 of quads stand for; ``error``, the
@@ -46,7 +46,7 @@ from .track import Track
 
 __all__ = ["FORMAT", "MANIFEST", "VIEW", "Entry", "Reference", "Slab", "Store", "read_manifest"]
 
-FORMAT = "cyclorama walk 2"
+FORMAT = "cyclorama walk 3"
 MANIFEST = "manifest.json"
 VIEW = "view.json"
 
@@ -337,7 +337,8 @@ class Store:
                 numbers = np.array(sector["tiles"], np.int64)
                 picture = self.read(f"{entry.folder}/{sector['image']}", sector["image_sha256"])
                 packed = self.read(f"{entry.folder}/{sector['quads']}", sector["quads_sha256"])
-                quads.append(decode(picture, packed, numbers, self.tile, pixels, f"{entry.folder}/{sector['image']}"))
+                what = f"{entry.folder}/{sector['image']}"
+                quads.append(decode(self.projection, picture, packed, numbers, self.tile, pixels, what))
                 kept[numbers] = True
             low, high = slab["disparity"]
             slabs.append(

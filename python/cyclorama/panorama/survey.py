@@ -15,7 +15,7 @@ from .culling import Method, eyes_around, kept_tiles
 from .projection import Kind, Projection
 from .renderers import BuiltIn, Renderer
 from .slicing import closed_step, mesh_error, places_of, ranges_between, reach_of, slabs_of
-from .store import Reference
+from .store import Reference, Slab
 from .tiles import ACROSS, Codec, encode, tile_numbers
 from .track import Track
 from .viewing import seen_between
@@ -46,6 +46,8 @@ class Row:
         Tiles with something in them, and those of them that are kept.
     bytes, kept_bytes : int
         Of their pictures and quads as they are stored.
+    kept_pictures : int
+        Of `kept_bytes`, those of pictures.
     raw, kept_raw : int
         Of 4 bytes a pixel and the quads uncompressed, which is what the paper's sizes are.
     """
@@ -58,6 +60,7 @@ class Row:
     kept: int
     bytes: int
     kept_bytes: int
+    kept_pictures: int
     raw: int
     kept_raw: int
 
@@ -174,7 +177,7 @@ class Survey:
                 self._disparities.append(disparities)
                 report(index + 1)
         self._kept: dict[tuple[str | None, float, bool], list[list[Mask]]] = {}
-        self._sizes: dict[tuple[str | None, float, bool, str], list[tuple[int, int]]] = {}
+        self._sizes: dict[tuple[str | None, float, bool, str], npt.NDArray[np.int64]] = {}
 
     def kept(self, method: Method | None = "exact", alpha: float = 1.0, *, smallest: bool = False) -> list[list[Mask]]:
         """The tiles that are kept, by reference and slab: see `kept_tiles`."""
@@ -212,7 +215,7 @@ class Survey:
         method: Method = "exact",
         alphas: Sequence[float] = (1.0,),
         *,
-        codec: Codec = "png",
+        codec: Codec = "smallest",
         smallest: bool = False,
     ) -> list[Row]:
         """Tiles and bytes of each slab before and after culling: the paper's tables 1 and 2, with its empty tiles.
@@ -221,14 +224,14 @@ class Survey:
         ----------
         method : {"exact", "paper"}
         alphas : sequence of float
-        codec : {"png", "webp"}
+        codec : {"smallest", "png", "webp"}
         smallest : bool
             See `kept_tiles`.
         """
-        before = self._bytes(None, 1.0, codec, False)
+        before = self._bytes(None, 1.0, codec, False).tolist()
         rows = []
         for alpha in alphas:
-            after = self._bytes(method, alpha, codec, smallest)
+            after = self._bytes(method, alpha, codec, smallest).tolist()
             kept, full = self.kept(method, alpha, smallest=smallest), self.kept(None)
             for slab in range(len(self.cuts)):
                 tiles = sum(int(np.count_nonzero(masks[slab])) for masks in full)
@@ -243,21 +246,22 @@ class Survey:
                         stay,
                         before[slab][0],
                         after[slab][0],
-                        before[slab][1],
                         after[slab][1],
+                        before[slab][2],
+                        after[slab][2],
                     )
                 )
         return rows
 
-    def _bytes(self, method: Method | None, alpha: float, codec: Codec, smallest: bool) -> list[tuple[int, int]]:
-        """Bytes of each slab as stored, and uncompressed."""
+    def _bytes(self, method: Method | None, alpha: float, codec: Codec, smallest: bool) -> npt.NDArray[np.int64]:
+        """(S, 3) bytes of each slab as stored, those of pictures, and uncompressed."""
         key = (method, alpha, smallest, codec)
         if key not in self._sizes:
-            sizes = np.zeros((len(self.cuts), 2), np.int64)
+            sizes = np.zeros((len(self.cuts), 3), np.int64)
             for reference in self.culled(self.kept(method, alpha, smallest=smallest)):
                 for index, slab in enumerate(reference.slabs):
-                    sizes[index] += _sizes(slab.pixels, slab.quads, slab.tiles, self.tile, codec)
-            self._sizes[key] = [(int(stored), int(raw)) for stored, raw in sizes]
+                    sizes[index] += _sizes(self.projection, slab, self.tile, codec)
+            self._sizes[key] = sizes
         return self._sizes[key]
 
     def losses(
@@ -360,20 +364,20 @@ class Survey:
         return Reference(reference.eye, tuple(slabs))
 
 
-def _sizes(
-    pixels: npt.NDArray[np.uint8], quads: npt.NDArray[np.uint16], tiles: Mask, tile: int, codec: Codec
-) -> tuple[int, int]:
-    """Bytes of a slab's files, and uncompressed."""
-    shape = pixels.shape[:2]
-    kept = tiles.ravel()
-    owners = quads[:, 1].astype(np.int64) // tile * (shape[1] // tile) + quads[:, 0] // tile
-    stored = 0
+def _sizes(panorama: Projection, slab: Slab, tile: int, codec: Codec) -> tuple[int, int, int]:
+    """Bytes of a slab's files, those of pictures, and uncompressed."""
+    shape, kept = panorama.shape, slab.tiles.ravel()
+    owners = slab.quads[:, 1].astype(np.int64) // tile * (shape[1] // tile) + slab.quads[:, 0] // tile
+    stored = pictures = 0
     for sector in range(-(-(shape[1] // tile) // ACROSS)):
         numbers = tile_numbers(shape, tile, sector)
         numbers = numbers[kept[numbers]]
         if len(numbers):
-            stored += sum(len(part) for part in encode(pixels, quads[np.isin(owners, numbers)], numbers, tile, codec))
-    return stored, int(np.count_nonzero(kept)) * tile * tile * 4 + quads.nbytes
+            own = slab.quads[np.isin(owners, numbers)]
+            picture, _, packed = encode(panorama, slab.pixels, own, numbers, tile, codec)
+            stored += len(picture) + len(packed)
+            pictures += len(picture)
+    return stored, pictures, int(np.count_nonzero(kept)) * tile * tile * 4 + slab.quads.nbytes
 
 
 def _codes(colors: npt.NDArray[np.uint8]) -> npt.NDArray[np.int64]:

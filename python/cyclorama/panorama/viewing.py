@@ -111,7 +111,7 @@ def seen_between(
     arrays = [
         (
             (float(reference.eye[0]), float(reference.eye[1]), float(reference.eye[2])),
-            [(slab.pixels, slab.quads, slab.disparity) for slab in reference.slabs],
+            [(slab.pixels, slab.quads, slab.disparity, slab.error) for slab in reference.slabs],
         )
         for reference in references
     ]

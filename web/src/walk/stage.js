@@ -5,48 +5,84 @@ import { directions } from "./rail.js";
 const STEPS = 65535;
 const ACROSS = 8; // cells in a row of a sector's picture
 const LEAST = 0.5; // of a corner's disparity, what is left of it at least when a quad is made larger
+const LEAST_KEPT = "6.2e-5"; // the least share of the nearest disparity that 16 bits hold with all their precision
 const FAR = 1e4; // what is at infinity lies so many track lengths and ranges away
 
-// Seen from beside a reference, pixels are of one surface or of another; from the reference itself, the slabs lie over
-// each other and their pixels mix, so that the panorama is what it was before it was cut.
-const SHOW = {
-  vertexShader: `
+// What is compared for nearness is disparity along the axis, less the back of the slab: see src/panorama/view.rs. The
+// buffer holds it from -most, which none is below, to the nearest surface's.
+const PLACE = `
     in vec3 place;
+    uniform float back, most, nearest;
     out vec3 at; out float range;
     void main() {
       vec4 eye = modelViewMatrix * vec4(position, 1.0);
       at = place; range = -eye.z;
       gl_Position = projectionMatrix * eye;
-    }`,
+      gl_Position.z = range - 2.0 * (1.0 - back * length(eye.xyz) + most * range) / (nearest + most);
+    }`;
+
+// Seen from beside a reference, pixels are of one surface or of another; quads without a transparent pixel need not ask
+// which, and what they hide is not looked up.
+const SOLID = {
+  vertexShader: PLACE,
   fragmentShader: `
-    uniform bool exact;
-    uniform sampler2D picture;
+    uniform sampler2D picture; uniform float nearest;
     in vec3 at; in float range;
-    layout(location = 0) out vec4 color;
-    layout(location = 1) out vec4 near;
+    out vec4 color;
+    void main() { color = vec4(textureLod(picture, at.xy / at.z, 0.0).rgb, max(1.0 / (nearest * range), ${LEAST_KEPT})); }`,
+};
+const CUT = {
+  vertexShader: PLACE,
+  fragmentShader: `
+    uniform sampler2D picture; uniform float nearest;
+    in vec3 at; in float range;
+    out vec4 color;
     void main() {
-      vec4 found = texture(picture, at.xy / at.z);
-      if (!exact && found.a < 0.5) discard;
-      color = exact ? found : vec4(found.rgb / found.a, 1.0);
-      near = vec4(1.0 / range, 0.0, 0.0, 1.0);
+      vec4 found = textureLod(picture, at.xy / at.z, 0.0);
+      if (found.a < 0.5) discard;
+      color = vec4(found.rgb / found.a, max(1.0 / (nearest * range), ${LEAST_KEPT}));
     }`,
 };
 
+// From the reference itself, the slabs lie over each other and their pixels mix, so that the panorama is what it was
+// before it was cut.
+const EXACT = {
+  vertexShader: `
+    in vec3 place;
+    out vec2 at;
+    void main() { at = place.xy; gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0); }`,
+  fragmentShader: `
+    uniform sampler2D picture;
+    in vec2 at;
+    out vec4 color;
+    void main() { color = textureLod(picture, at, 0.0); }`,
+};
+
+const SCREEN = "void main() { gl_Position = vec4(position.xy, 0.0, 1.0); }";
+const SHOW = {
+  vertexShader: SCREEN,
+  fragmentShader: `
+    uniform sampler2D colorA; uniform vec3 background;
+    out vec4 color;
+    void main() {
+      vec4 a = texelFetch(colorA, ivec2(gl_FragCoord.xy), 0);
+      color = vec4(a.a < 0.5 ? background : a.rgb / a.a, 1.0);
+    }`,
+};
 // As src/panorama/view.rs combines: weights grow as the square of nearness; of what lies behind the other, little stays.
 const MIX = {
-  vertexShader: "out vec2 at; void main() { at = uv; gl_Position = vec4(position.xy, 0.0, 1.0); }",
+  vertexShader: SCREEN,
   fragmentShader: `
-    uniform sampler2D colorA, colorB, nearA, nearB;
+    uniform sampler2D colorA, colorB;
     uniform float between; uniform vec3 background;
-    in vec2 at; out vec4 color;
+    out vec4 color;
     void main() {
-      vec4 a = texture(colorA, at), b = texture(colorB, at);
-      float da = texture(nearA, at).r, db = texture(nearB, at).r;
+      vec4 a = texelFetch(colorA, ivec2(gl_FragCoord.xy), 0), b = texelFetch(colorB, ivec2(gl_FragCoord.xy), 0);
       float wa = (1.0 - between) * (1.0 - between), wb = between * between;
       if (a.a == 0.0 && b.a == 0.0) { color = vec4(background, 1.0); return; }
-      if (b.a == 0.0 || wb == 0.0) { color = a.a < 0.5 ? vec4(background, 1.0) : vec4(a.rgb / a.a, 1.0); return; }
-      if (a.a == 0.0 || wa == 0.0) { color = b; return; }
-      if (abs(da - db) > 0.05 * max(da, db)) { if (da > db) wb *= 0.02; else wa *= 0.02; }
+      if (b.a == 0.0 || wb == 0.0) { color = vec4(a.a == 0.0 ? background : a.rgb, 1.0); return; }
+      if (a.a == 0.0 || wa == 0.0) { color = vec4(b.rgb, 1.0); return; }
+      if (abs(a.a - b.a) > 0.05 * max(a.a, b.a)) { if (a.a > b.a) wb *= 0.02; else wa *= 0.02; }
       color = vec4((wa * a.rgb + wb * b.rgb) / (wa + wb), 1.0);
     }`,
 };
@@ -54,13 +90,13 @@ const MIX = {
 /**
  * The corners of a sector's quads around its reference, as a geometry with a place in its picture for each. As in
  * src/panorama/view.rs, quads of more than a pixel are half a pixel larger on all sides, so that no gaps are left where
- * they meet smaller ones.
+ * they meet smaller ones. First come the quads without a transparent pixel in or beside them: so many indices are `solid`.
  */
 export function geometryOf(walk, sector, direction) {
   const count = sector.quads.length / 7;
   const position = new Float32Array(12 * count);
   const places = new Float32Array(12 * count);
-  const index = new Uint32Array(6 * count);
+  const index = [[], []];
   const [width] = walk.size;
   const { tile } = walk;
   const across = width / tile;
@@ -93,13 +129,23 @@ export function geometryOf(walk, sector, direction) {
       const weight = range / first;
       places.set([(weight * (left + u)) / size[0], (weight * (top + v)) / size[1], weight], 12 * quad + 3 * corner);
     }
-    index.set([0, 2, 1, 1, 2, 3].map((k) => 4 * quad + k), 6 * quad);
+    const cut = transparent(sector, left + x, top + y, side) ? 1 : 0;
+    for (const k of [0, 2, 1, 1, 2, 3]) index[cut].push(4 * quad + k);
   }
   const geometry = new THREE.BufferGeometry();
   geometry.setAttribute("position", new THREE.BufferAttribute(position, 3));
   geometry.setAttribute("place", new THREE.BufferAttribute(places, 3));
-  geometry.setIndex(new THREE.BufferAttribute(index, 1));
-  return geometry;
+  geometry.setIndex(new THREE.BufferAttribute(new Uint32Array(index.flat()), 1));
+  return { geometry, solid: index[0].length, cut: index[1].length };
+}
+
+/** Whether a pixel in or beside a block of a sector's picture is transparent. */
+function transparent(sector, left, top, side) {
+  const { width } = sector.image;
+  for (let y = top - 1; y <= top + side; y++) {
+    for (let x = left - 1; x <= left + side; x++) if (!sector.opacity[y * width + x]) return true;
+  }
+  return false;
 }
 
 /** A sector's tiles on a sphere around its reference, whole: what the reference itself sees of them. */
@@ -142,37 +188,30 @@ export class Stage {
     this.renderer = new THREE.WebGLRenderer({ canvas, preserveDrawingBuffer: true });
     this.renderer.outputColorSpace = THREE.LinearSRGBColorSpace; // colours pass through unchanged
     this.renderer.autoClear = false;
-    const gl = this.renderer.getContext();
-    this.float = gl.getExtension("EXT_color_buffer_float") ? THREE.FloatType : THREE.HalfFloatType;
+    this.renderer.getContext().getExtension("EXT_color_buffer_float");
     this.camera = new THREE.PerspectiveCamera(60, 1, 1e-3, 1);
     this.shapes = new Map();
-    this.targets = [0, 1].map(() => this.target(4, 4));
+    // Colours and disparities beside references, colours and opacities at them.
+    this.targets = [THREE.HalfFloatType, THREE.HalfFloatType, THREE.UnsignedByteType].map(
+      (type, index) =>
+        new THREE.WebGLRenderTarget(4, 4, {
+          type,
+          minFilter: THREE.NearestFilter,
+          magFilter: THREE.NearestFilter,
+          depthBuffer: index < 2,
+        }),
+    );
     this.groups = [new THREE.Scene(), new THREE.Scene()];
-    this.mixer = new THREE.ShaderMaterial({
-      ...MIX,
-      glslVersion: THREE.GLSL3,
-      depthTest: false,
-      depthWrite: false,
-      uniforms: Object.fromEntries(
-        ["colorA", "colorB", "nearA", "nearB", "between", "background"].map((name) => [name, { value: null }]),
-      ),
-    });
-    this.mixer.uniforms.background.value = new THREE.Vector3(...walk.background.map((c) => c / 255));
+    const background = { value: new THREE.Vector3(...walk.background.map((c) => c / 255)) };
+    const onScreen = (how, uniforms) =>
+      new THREE.ShaderMaterial({ ...how, glslVersion: THREE.GLSL3, depthTest: false, depthWrite: false, uniforms });
+    const [colorA, colorB, between] = [{ value: null }, { value: null }, { value: 0 }];
+    this.mixer = onScreen(MIX, { colorA, colorB, between, background });
+    this.shower = onScreen(SHOW, { colorA: { value: this.targets[2].texture }, background });
+    this.depths = { most: { value: 0 }, nearest: { value: 1 } };
     this.screen = new THREE.Scene();
     this.screen.add(new THREE.Mesh(new THREE.PlaneGeometry(2, 2), this.mixer));
     this.flat = new THREE.Camera();
-  }
-
-  target(width, height) {
-    const target = new THREE.WebGLRenderTarget(width, height, {
-      count: 2,
-      minFilter: THREE.NearestFilter,
-      magFilter: THREE.NearestFilter,
-      depthTexture: new THREE.DepthTexture(width, height, THREE.FloatType),
-    });
-    target.textures[1].format = THREE.RedFormat;
-    target.textures[1].type = this.float;
-    return target;
   }
 
   resize(width, height, ratio) {
@@ -191,14 +230,9 @@ export class Stage {
       texture.generateMipmaps = false;
       texture.minFilter = texture.magFilter = THREE.LinearFilter;
       texture.needsUpdate = true;
-      const shows = (exact, how) =>
-        new THREE.ShaderMaterial({
-          ...SHOW,
-          ...how,
-          glslVersion: THREE.GLSL3,
-          side: THREE.DoubleSide,
-          uniforms: { picture: { value: texture }, exact: { value: exact } },
-        });
+      const shows = (how, uniforms) =>
+        new THREE.ShaderMaterial({ ...how, glslVersion: THREE.GLSL3, side: THREE.DoubleSide, uniforms });
+      const picture = { value: texture };
       const over = {
         transparent: true,
         depthTest: false,
@@ -207,11 +241,17 @@ export class Stage {
         blendSrc: THREE.OneFactor,
         blendDst: THREE.OneMinusSrcAlphaFactor,
       };
-      const between = new THREE.Mesh(geometryOf(this.walk, sector, this.direction), shows(false, {}));
-      const exact = new THREE.Mesh(shellOf(this.walk, sector, this.direction), shows(true, over));
+      const seen = { picture, back: { value: sector.back }, ...this.depths };
+      const { geometry, solid, cut } = geometryOf(this.walk, sector, this.direction);
+      geometry.addGroup(0, solid, 0);
+      geometry.addGroup(solid, cut, 1);
+      const [whole, holed] = [SOLID, CUT].map((how) => shows({ ...how, blending: THREE.NoBlending }, seen));
+      const between = new THREE.Mesh(geometry, [whole, holed]);
+      between.renderOrder = sector.slab;
+      const exact = new THREE.Mesh(shellOf(this.walk, sector, this.direction), shows({ ...EXACT, ...over }, { picture }));
       exact.renderOrder = -sector.slab;
       between.frustumCulled = exact.frustumCulled = false;
-      this.shapes.set(name, { between, exact });
+      this.shapes.set(name, { between, exact, texture });
     }
     return this.shapes.get(name);
   }
@@ -220,10 +260,10 @@ export class Stage {
     const name = `${sector.reference}.${sector.slab}.${sector.sector}`;
     const shape = this.shapes.get(name);
     if (!shape) return;
-    shape.between.material.uniforms.picture.value.dispose();
+    shape.texture.dispose();
     for (const mesh of [shape.between, shape.exact]) {
       mesh.geometry.dispose();
-      mesh.material.dispose();
+      for (const material of [mesh.material].flat()) material.dispose();
     }
     this.shapes.delete(name);
   }
@@ -242,14 +282,21 @@ export class Stage {
       .addScaledVector(up, Math.sin(gaze.pitch))
       .addScaledVector(back, -Math.cos(gaze.yaw) * flat);
     camera.fov = fov;
-    const span = this.walk.track_length + this.walk.slabs[0][0];
-    camera.near = exact ? 0.03 : Math.max(this.walk.slabs[0][0] * 0.05, span * 1e-4);
-    camera.far = camera.near * 1e7;
+    [camera.near, camera.far] = [0.03, 10]; // of what lies on a sphere of 1 around a reference
     camera.updateProjectionMatrix();
     camera.position.set(0, 0, 0);
     camera.up.copy(up);
     camera.lookAt(forward);
     camera.updateMatrixWorld();
+    const half = Math.tan((fov * Math.PI) / 360);
+    const corner = Math.hypot(1, half, half * camera.aspect);
+    const all = sides.flatMap((side) => side.sectors);
+    this.depths.most.value = corner * Math.max(0, ...all.map((sector) => sector.back));
+    const away = sides.map((side) => Math.hypot(...this.walk.references[side.reference].eye.map((x, k) => x - eye[k])));
+    const range = Math.min(...all.map((sector) => 1 / sector.disparity[1])) - Math.max(...away);
+    // What is nearer along the axis than any surface may come.
+    const span = this.walk.track_length + this.walk.slabs[0][0];
+    this.depths.nearest.value = 1 / Math.max((0.5 * range) / corner, 1e-4 * span);
     sides.forEach((side, which) => {
       const group = this.groups[which];
       group.clear();
@@ -259,18 +306,17 @@ export class Stage {
         if (!exact) mesh.position.set(...from.map((x, axis) => x - eye[axis]));
         group.add(mesh);
       }
-      this.renderer.setRenderTarget(this.targets[which]);
+      this.renderer.setRenderTarget(this.targets[exact ? 2 : which]);
       this.renderer.setClearColor(0x000000, 0);
       this.renderer.clear();
       this.renderer.render(group, camera);
     });
-    const last = this.targets[sides.length - 1];
     const u = this.mixer.uniforms;
-    [u.colorA.value, u.nearA.value] = this.targets[0].textures;
-    [u.colorB.value, u.nearB.value] = last.textures;
+    u.colorA.value = this.targets[0].texture;
+    u.colorB.value = this.targets[sides.length - 1].texture;
     u.between.value = sides.length > 1 ? between : 0;
+    this.screen.children[0].material = exact ? this.shower : this.mixer;
     this.renderer.setRenderTarget(null);
-    this.renderer.clear();
     this.renderer.render(this.screen, this.flat);
   }
 }

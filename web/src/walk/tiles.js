@@ -1,27 +1,110 @@
 // Sectors of tiles from the server: many in one request, kept up to a limit of bytes, those first that were used last.
 import { unpack } from "../arrays.js";
 
-/** Quads by 7s, of a file as cyclorama.panorama.tiles describes it. */
-async function unpackQuads(packed) {
-  const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
-  const bytes = new Uint8Array(await new Response(stream).arrayBuffer());
-  const half = bytes.length / 2;
-  const count = half / 7;
-  const quads = new Uint16Array(half); // arithmetic on its entries is modulo 65536
-  for (let quad = 0; quad < count; quad++) {
-    const [x, y, side, a, b, c, d] = Array.from({ length: 7 }, (_, column) => {
-      const at = column * count + quad;
-      const folded = bytes[at] | (bytes[half + at] << 8);
-      return (folded >> 1) ^ -(folded & 1);
-    });
-    const at = 7 * quad;
-    quads.set([x, y, side, a], at);
-    if (quad > 0) for (const column of [0, 1, 3]) quads[at + column] += quads[at + column - 7];
-    quads[at + 4] = quads[at + 3] + b;
-    quads[at + 5] = quads[at + 3] + c;
-    quads[at + 6] = d + quads[at + 4] + quads[at + 5] - quads[at + 3];
+const ACROSS = 8; // cells in a row of a sector's picture
+const NEAR = 32; // steps that a corner of the same surface is off at most
+
+/**
+ * Quads by 7s, of a file as cyclorama.panorama.tiles describes it.
+ *
+ * @param bytes the file, decompressed; @param opacity of the sector's picture: a byte each pixel, row by row
+ */
+export function unpackQuads(bytes, opacity, tiles, walk) {
+  const { tile } = walk;
+  const [width, height] = walk.size;
+  const across = width / tile;
+  const cell = tile + 2;
+  const stride = ACROSS * cell;
+  const count = new DataView(bytes.buffer, bytes.byteOffset).getUint32(0, true);
+  if (8 * count > bytes.length - 4) throw new Error("a file of quads is cut off");
+  const high = 4 + 4 * count;
+  const flags = 4 + 8 * count;
+  const left = Math.min(...tiles.map((number) => number % across)) * tile;
+  const columns = (Math.max(...tiles.map((number) => number % across)) + 1) * tile - left + 1;
+  const known = new Int32Array(columns * (height + 1)).fill(-1);
+  const quads = new Uint16Array(7 * count);
+  let [found, asked, last] = [0, 0, 0];
+
+  function leaf(x, y, side) {
+    if (found === count) throw new Error("a file of quads is not that of its picture");
+    const first = y * columns + x - left;
+    const places = [first, first + side, first + side * columns, first + side * columns + side];
+    const corners = [0, 0, 0, 0];
+    for (let index = 0; index < 4; index++) {
+      let guess;
+      if (index === 0) {
+        const place = places.find((candidate) => known[candidate] >= 0);
+        guess = place === undefined ? last : known[place];
+      } else {
+        const expected = index < 3 ? corners[0] : (corners[1] + corners[2] - corners[0]) & 65535;
+        const there = known[places[index]];
+        const off = (there - expected) & 65535;
+        guess = there >= 0 && Math.min(off, 65536 - off) <= NEAR ? there : expected;
+      }
+      const at = index * count + found;
+      const folded = bytes[4 + at] | (bytes[high + at] << 8);
+      corners[index] = (guess + ((folded >> 1) ^ -(folded & 1))) & 65535;
+    }
+    places.forEach((place, index) => (known[place] = corners[index]));
+    last = corners[0];
+    quads.set([x, y, side, ...corners], 7 * found++);
   }
+
+  function block(x, y, side, from) {
+    let opaque = false;
+    for (let row = 0; row < side && !opaque; row++) {
+      const start = from + row * stride;
+      for (let column = 0; column < side; column++) if (opacity[start + column]) opaque = true;
+    }
+    if (!opaque) return;
+    if (side > 1) {
+      const whole = (bytes[flags + (asked >> 3)] >> (asked & 7)) & 1;
+      asked++;
+      if (!whole) {
+        const half = side / 2;
+        for (const [right, down] of [[0, 0], [half, 0], [0, half], [half, half]]) {
+          block(x + right, y + down, half, from + down * stride + right);
+        }
+        return;
+      }
+    }
+    leaf(x, y, side);
+  }
+
+  tiles.forEach((number, at) => {
+    const cornerOfCell = Math.floor(at / ACROSS) * cell * stride + (at % ACROSS) * cell;
+    block((number % across) * tile, Math.floor(number / across) * tile, tile, cornerOfCell + stride + 1);
+  });
+  if (found !== count) throw new Error("a file of quads is not that of its picture");
   return quads;
+}
+
+async function inflated(packed) {
+  const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
+  return new Uint8Array(await new Response(stream).arrayBuffer());
+}
+
+let reader = null;
+
+/** The opacity of a picture's pixels: a byte each. */
+function opacityOf(image) {
+  if (!reader || reader.canvas.width < image.width || reader.canvas.height < image.height) {
+    const canvas = new OffscreenCanvas(image.width, Math.max(image.height, reader ? reader.canvas.height : 0));
+    reader = canvas.getContext("2d", { willReadFrequently: true });
+    reader.globalCompositeOperation = "copy";
+  }
+  reader.drawImage(image, 0, 0);
+  const { data } = reader.getImageData(0, 0, image.width, image.height);
+  const opacity = new Uint8Array(data.length / 4);
+  for (let pixel = 0; pixel < opacity.length; pixel++) opacity[pixel] = data[4 * pixel + 3];
+  return opacity;
+}
+
+/** How much farther, in disparity, a slab counts than it is: both its error and that of each nearer one's. */
+function backOf(slabs, slab) {
+  let back = 0;
+  for (let k = 0; k < slab; k++) back += slabs[k].error + slabs[k + 1].error;
+  return back;
 }
 
 async function need(response) {
@@ -102,15 +185,19 @@ export class Tiles {
       const buffer = await response.arrayBuffer();
       this.received += buffer.byteLength;
       const files = unpack(buffer);
-      const type = `image/${this.walk.codec}`;
-      for (const { name, slab, entry } of wanted) {
+      const shown = wanted.map(async ({ name, slab, entry }) => {
+        const type = `image/${entry.image.split(".").pop()}`;
         const picture = new Blob([files[`${folder}/${entry.image}`]], { type });
         const image = await createImageBitmap(picture, { premultiplyAlpha: "none", colorSpaceConversion: "none" });
-        const quads = await unpackQuads(files[`${folder}/${entry.quads}`]);
+        const opacity = opacityOf(image);
+        const quads = unpackQuads(await inflated(files[`${folder}/${entry.quads}`]), opacity, entry.tiles, this.walk);
         const { disparity } = view.slabs[slab];
         const bytes = 4 * image.width * image.height + 8 * quads.length;
-        this.kept.set(name, { reference, slab, sector: entry.sector, tiles: entry.tiles, image, quads, disparity, bytes });
-      }
+        const { sector, tiles } = entry;
+        const back = backOf(view.slabs, slab);
+        this.kept.set(name, { reference, slab, sector, tiles, image, opacity, quads, disparity, back, bytes });
+      });
+      await Promise.all(shown);
       this.trim();
     } finally {
       for (const { name } of wanted) this.asked.delete(name);
