@@ -88,6 +88,7 @@ def main():
                     first = page.evaluate("window.cyclorama.state()")
                     quads = page.evaluate("window.cyclorama.state().quads")
                     between = page.evaluate(RATE, given.frames)
+                    page.evaluate(WALK, 4)  # until the page knows how many pixels it can draw
                     moving, sharp = page.evaluate(WALK, 4)
                     page.evaluate("window.cyclorama.go(0.5)")
                     page.wait_for_function(COMPLETE, timeout=120_000)

@@ -7,8 +7,9 @@ const MARGIN = 0.35; // radians beside the picture that are fetched, too
 const CACHE = 512 << 20;
 const STEP = 1 / 200; // of the track, a press of a key
 const REST = 250; // milliseconds without a move after which the picture is drawn in full
-const SLOW = 60; // milliseconds that a picture of a move may come late before it has fewer pixels
-const FAST = 25; // below which it has more
+const PROMPT = 40; // milliseconds after a picture in which the next one is asked for in a steady move
+const SLOW = 60; // milliseconds between pictures of a move above which they have fewer pixels
+const FAST = 25; // below which they have more
 const COARSEST = 0.4; // of the pixels of a row, while moving
 const asked = new URLSearchParams(location.search);
 
@@ -41,7 +42,7 @@ async function start() {
   let round = 0;
   let drawing = false;
   // Pixels of a row that are drawn: all, or fewer while moving where that is slow.
-  const sharp = { now: 1, moving: 1, rest: 0 };
+  const sharp = { now: 1, moving: 1, moves: false, drawn: 0, done: 0, pace: 0, rest: 0 };
 
   const list = document.getElementById("slabs");
   walk.slabs.forEach(([near, far], index) => {
@@ -111,22 +112,29 @@ async function start() {
     resize();
   }
 
-  /** The next pictures are of a move: drawn in full when it rests. */
-  function moved() {
+  /** From how fast the pictures of a move follow each other, where each was asked for soon after the last, follows how
+   * many pixels the next one has. */
+  function adapt(asked, time) {
+    const since = time - sharp.drawn;
+    if (asked - sharp.done < PROMPT) {
+      sharp.pace = sharp.pace ? (sharp.pace + since) / 2 : since;
+      if (sharp.pace > SLOW) sharp.moving = Math.max(COARSEST, sharp.moving * 0.8);
+      else if (sharp.pace < FAST) sharp.moving = Math.min(1, sharp.moving / 0.8);
+    } else {
+      sharp.pace = 0;
+    }
+    sharpen(sharp.moving);
+  }
+
+  /** Draws in full when nothing moves. */
+  function rest() {
     clearTimeout(sharp.rest);
+    if (sharp.now === 1) return;
     sharp.rest = setTimeout(() => {
-      sharp.rest = 0;
+      if (drawing) return;
       sharpen(1);
       draw();
     }, REST);
-  }
-
-  /** From how late a picture comes follows how many pixels it has. */
-  function adapt(late) {
-    if (!sharp.rest) return;
-    if (late > SLOW) sharp.moving = Math.max(COARSEST, sharp.moving * 0.75);
-    else if (late < FAST) sharp.moving = Math.min(1, sharp.moving / 0.75);
-    sharpen(sharp.moving);
   }
 
   function drawNow() {
@@ -156,8 +164,12 @@ async function start() {
     drawing = true;
     const asked = performance.now();
     requestAnimationFrame(() => {
-      adapt(performance.now() - asked);
+      const time = performance.now();
+      if (sharp.moves) adapt(asked, time);
+      Object.assign(sharp, { moves: false, drawn: time });
       drawNow();
+      sharp.done = performance.now();
+      rest();
     });
   }
 
@@ -181,7 +193,7 @@ async function start() {
 
   function go(t, yaw = now.yaw, pitch = now.pitch) {
     const clamped = Math.min(Math.max(t, 0), 1);
-    if (clamped !== now.t || yaw !== now.yaw || pitch !== now.pitch) moved();
+    if (clamped !== now.t || yaw !== now.yaw || pitch !== now.pitch) sharp.moves = true;
     if (clamped !== now.t) now.travel = Math.sign(clamped - now.t);
     Object.assign(now, { t: clamped, yaw, pitch: Math.min(Math.max(pitch, -1.55), 1.55) });
     slider.value = String(clamped);
