@@ -194,8 +194,8 @@ def two_surfaces_within_the_depth_tolerance():
     """Of two sheets closer than the tolerance a layered image keeps one; a mesh takes small steps for one surface."""
     here, aside = looking((0, 0, 0)), looking((0.5, 0, 0))
     pixel = 1 / here.K[0, 0]
-    samples, pictures = {}, {}
-    for apart in (0.5, 4.0, 64.0):
+    kept, pictures = {}, {}
+    for apart in (0.5, 16.0, 64.0):
         # In front half a sheet, behind it a whole one; the second image sees some of it beside the first.
         gap = 4 * apart * pixel
         scene = scene_of(quad((-9, -9), (9, 9), -4 - gap), quad((-9, -9), (0, 9), -4))
@@ -203,24 +203,26 @@ def two_surfaces_within_the_depth_tolerance():
             DepthImage.from_view(view, color=np.full((150, 200, 3), 128, np.uint8))
             for view in (scene.render(here), scene.render(aside))
         )
-        layered = LayeredDepthImage.build(central, [other], tolerance=2.0)
-        samples[apart] = layered.samples
+        # The second image sees so many columns of the sheet behind that the first doesn't.
+        beside = round(0.5 * here.K[0, 0] * (1 / 4 - 1 / (4 + gap)))
+        kept = {t: LayeredDepthImage.build(central, [other], tolerance=t).samples for t in (128.0, 64.0, 16.0, 2.0)}
+        assert kept[2.0] == 30_000 + 150 * beside
+        assert all((count == 30_000) == (tolerance >= apart or not beside) for tolerance, count in kept.items())
         step = central.joins[75, :-1] & 1 == 0
         # One surface to the mesh at half a pixel's width, not at 64.
-        assert step.sum() == (0 if apart < 16 else 1)
+        assert step.sum() == (0 if apart < 1 else 1)
         warped = warp.forward(central, aside, splat="mesh")
         pictures[f"{apart:g} pixels apart"] = shown(warped)
         true_hole = 0.5 * here.K[0, 0] * (1 / 4 - 1 / (4 + gap))
         # What opens between them is papered over by the mesh where it isn't cut: a guess of so many pixels.
         papered = true_hole - warped.hole[75, :-25].sum()
         assert -1 <= papered <= 1.5
-    assert samples[0.5] <= samples[4.0] <= samples[64.0]
-    found = ", ".join(f"{count:,} at {apart:g}" for apart, count in samples.items())
+    found = ", ".join(f"{count:,} with tolerance={tolerance:g}" for tolerance, count in kept.items())
     return Shown(
-        "distance of the sheets, pixels' widths",
-        "share of the second sheet lost",
-        {"lost": {apart: 1 - (n - 30_000) / (samples[64.0] - 30_000) for apart, n in samples.items()}},
-        measured=f"Samples kept, by how many pixels' widths the sheets are apart: {found}.",
+        "tolerance=, of sheets 64 pixels' widths apart",
+        "share of the second sheet's new samples lost",
+        {"lost": {tolerance: 1 - (n - 30_000) / (kept[2.0] - 30_000) for tolerance, n in kept.items()}},
+        measured=f"Of sheets 64 pixels' widths apart, samples kept: {found}.",
         pictures=pictures,
     )
 
