@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import cyclorama as cyc
-from cyclorama import exchange
+from cyclorama import exchange, testing
 from cyclorama.parts import Part
 from peers import need
 
@@ -122,6 +122,28 @@ def test_arrays_come_in_by_dlpack(ball):
     image = cyc.DepthImage(Elsewhere(view.color), Elsewhere(view.depth), camera, ids=Elsewhere(view.ids))
     np.testing.assert_array_equal(image.depth, view.depth)
     np.testing.assert_array_equal(image.ids, view.ids)
+
+
+def test_warps_layers_and_assertions_take_arrays_by_dlpack(ball):
+    aside = cyc.Camera.look_at((0.2, 0, 4), (0, 0, 0), width=64, height=48)
+    view = ball.render(CAMERA)
+    np.testing.assert_array_equal(
+        cyc.warp.map(CAMERA, aside, Elsewhere(np.minimum(view.depth, 9))),
+        cyc.warp.map(CAMERA, aside, np.minimum(view.depth, 9)),
+    )
+    image = ball.depth_image(CAMERA)
+    behind = np.full((48, 64, 3), 7, np.uint8)
+    warped = cyc.warp.forward(image, aside, background=Elsewhere(behind))
+    np.testing.assert_array_equal(warped.color, cyc.warp.forward(image, aside, background=behind).color)
+    built = cyc.LayeredDepthImage.build(image, [])
+    again = cyc.LayeredDepthImage(
+        CAMERA, *(Elsewhere(a) for a in (built.offsets.astype(np.int64), built.color, built.disparity, built.place))
+    )
+    np.testing.assert_array_equal(again.warp(aside).color, built.warp(aside).color)
+    assert cyc.quality.psnr(Elsewhere(warped.color), Elsewhere(warped.color)) == np.inf
+    testing.assert_ids_match(ball, CAMERA, Elsewhere(view.ids))
+    testing.assert_depth_matches(ball, CAMERA, Elsewhere(view.depth))
+    testing.assert_warp_matches(image, aside, Elsewhere(cyc.warp.forward(image, aside).color))
 
 
 def test_open3d_s_tensors_come_in_and_answers_go_out_without_a_copy(ball):

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _core, ldi_storage
-from .arguments import check_threads, checked_choice, checked_number, checked_pair, checked_sequence
+from .arguments import as_numpy, check_threads, checked_choice, checked_number, checked_pair, checked_sequence
 from .camera import Camera, stack
 from .depth_image import DepthImage
 from .normals import encode, of_faces, of_image
@@ -197,14 +197,14 @@ class LayeredDepthImage:
     ) -> None:
         _check_camera(camera)
         try:
-            values = np.asarray(disparity, dtype=np.float32)
+            values = np.asarray(as_numpy(disparity), dtype=np.float32)
         except (TypeError, ValueError):
             raise ValueError(f"disparity must be (N,) numbers, got {type(disparity).__name__}") from None
         if values.ndim != 1:
             raise ValueError(f"disparity must be (N,), got {values.shape}")
         count = len(values)
         starts = _integers("offsets", offsets, (camera.width * camera.height + 1,), 0, 2**32 - 1)
-        colors = np.asarray(color)
+        colors = np.asarray(as_numpy(color))
         if colors.size == 0:
             colors = np.empty((0, 3), np.uint8)
         if colors.shape != (count, 3) or colors.dtype.kind not in "iu":
@@ -447,7 +447,7 @@ class LayeredDepthImage:
         pixel = np.repeat(np.arange(len(counts)), counts)
         if color is not None:
             places = np.stack([pixel % shape[1], pixel // shape[1]], axis=1) + 0.5
-            colors = np.asarray(color(faces, camera.unproject(places, depths)))
+            colors = np.asarray(as_numpy(color(faces, camera.unproject(places, depths))))
         else:
             colors = np.empty((len(faces), 3), np.uint8)
             picture, ids = np.empty((*shape, 3), np.uint8), np.empty(shape, np.uint32)
@@ -796,7 +796,7 @@ def _size(splat: int | str, as_paper: bool) -> int:
 
 
 def _integers(name: str, values: npt.ArrayLike, shape: tuple[int, ...], least: int, most: int) -> npt.NDArray[Any]:
-    array = np.asarray(values)
+    array = np.asarray(as_numpy(values))
     if array.size == 0 and 0 in shape:
         return np.zeros(shape, np.int64)
     if array.shape != shape or array.dtype.kind not in "iu":

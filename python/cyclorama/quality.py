@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from .arguments import as_numpy
 from .camera import Camera
 from .depth_image import DepthImage
 
@@ -328,7 +329,7 @@ def compare(warped: Warped, truth: DepthImage, known: npt.ArrayLike) -> Quality:
     >>> compare(warped, truth, seen(scene, truth, here)).cracks
     0.0
     """
-    mask = np.asarray(known)
+    mask = np.asarray(as_numpy(known))
     if mask.shape != truth.shape or mask.dtype != np.bool_:
         raise ValueError(f"known must be {truth.shape} bool, as the truth has, got {mask.shape} {mask.dtype}")
     hidden = ~mask & ~truth.missing
@@ -350,12 +351,12 @@ def _share(of: Mask, among: Mask) -> float:
 
 def _pair(picture: npt.ArrayLike, truth: npt.ArrayLike, where: npt.ArrayLike | None) -> tuple[Floats, Floats, Mask]:
     """Both as (H, W, C) float64, and the pixels that count."""
-    a, b = np.asarray(picture), np.asarray(truth)
+    a, b = np.asarray(as_numpy(picture)), np.asarray(as_numpy(truth))
     if a.dtype != np.uint8 or b.dtype != np.uint8:
         raise ValueError(f"picture and truth must be uint8, got {a.dtype} and {b.dtype}")
     if a.shape != b.shape or a.ndim not in (2, 3):
         raise ValueError(f"picture and truth must have one shape, (H, W) or (H, W, C), got {a.shape} and {b.shape}")
-    counts = np.ones(a.shape[:2], np.bool_) if where is None else np.asarray(where)
+    counts = np.ones(a.shape[:2], np.bool_) if where is None else np.asarray(as_numpy(where))
     if counts.shape != a.shape[:2] or counts.dtype != np.bool_:
         raise ValueError(f"where must be {a.shape[:2]} bool, as the pictures have, got {counts.shape} {counts.dtype}")
     shape = (*a.shape[:2], -1)

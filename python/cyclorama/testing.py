@@ -31,6 +31,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import warp
+from .arguments import as_numpy
 from .bitfield import Bitfields
 from .camera import Camera
 from .depth_image import DepthImage
@@ -390,7 +391,7 @@ def assert_warp_matches(
     >>> warped = cyc.warp.forward(image, aside, order="zbuffer")
     >>> assert_warp_matches(image, aside, warped.color, warped.hole)
     """
-    theirs = np.asarray(color)
+    theirs = np.asarray(as_numpy(color))
     if theirs.shape != (camera.height, camera.width, 3) or theirs.dtype != np.uint8:
         raise ValueError(
             f"color must be ({camera.height}, {camera.width}, 3) uint8 as the camera, got {theirs.shape} {theirs.dtype}"
@@ -667,7 +668,7 @@ def _beside(depth: npt.NDArray[np.floating], wrong: Mask) -> str:
 
 
 def _ids(ids: npt.ArrayLike, camera: Camera, name: str) -> Ids:
-    array = _image(ids, camera, name, np.asarray(ids).dtype)
+    array = _image(ids, camera, name, np.asarray(as_numpy(ids)).dtype)
     if array.dtype.kind not in "iu":
         raise ValueError(f"{name} must be integers, got dtype {array.dtype}")
     wide = array.astype(np.int64) if array.dtype != np.uint64 else np.minimum(array, BACKGROUND).astype(np.int64)
@@ -675,7 +676,7 @@ def _ids(ids: npt.ArrayLike, camera: Camera, name: str) -> Ids:
 
 
 def _image(array: npt.ArrayLike, camera: Camera, name: str, dtype: npt.DTypeLike = np.float64) -> npt.NDArray[Any]:
-    found, shape = np.asarray(array), (camera.height, camera.width)
+    found, shape = np.asarray(as_numpy(array)), (camera.height, camera.width)
     if found.shape != shape:
         hint = ": rows come first" if found.shape == shape[::-1] else ""
         raise ValueError(f"{name} has shape {found.shape}, the camera's images {shape}{hint}")
@@ -688,7 +689,7 @@ def _face_set(faces: npt.ArrayLike | Bitfields, size: int) -> Mask:
         if len(faces) != 1 or faces.size != size:
             raise ValueError(f"faces must be one row of {size} bits, got {len(faces)} of {faces.size}")
         return np.asarray(faces.unpack()[0])
-    array = np.asarray(faces)
+    array = np.asarray(as_numpy(faces))
     if array.dtype == np.bool_:
         if array.shape != (size,):
             raise ValueError(f"faces must be ({size},) bool, a flag a face, got {array.shape}")

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _core
-from .arguments import check_threads, checked_choice, checked_sequence
+from .arguments import as_numpy, check_threads, checked_choice, checked_sequence
 from .backdrop import backdrop
 from .camera import Camera, stack
 from .depth_image import DepthImage
@@ -243,7 +243,7 @@ def map(source: Camera, target: Camera, depth: npt.ArrayLike) -> npt.NDArray[np.
     _check_camera(target, "target")
     shape = (source.height, source.width)
     try:
-        values = np.asarray(depth, dtype=np.float64)
+        values = np.asarray(as_numpy(depth), dtype=np.float64)
     except (TypeError, ValueError):
         raise ValueError(f"depth must be numbers, {shape} of them or one, got {type(depth).__name__}") from None
     if values.shape not in (shape, ()):
@@ -358,7 +358,7 @@ def _colors_behind(background: Warped | npt.NDArray[np.uint8] | None, out: Warpe
     """The background's colours: `out.color` itself if they are already there."""
     if background is None:
         return None
-    colors = background.color if isinstance(background, Warped) else np.asarray(background)
+    colors = background.color if isinstance(background, Warped) else np.asarray(as_numpy(background))
     if colors.shape != out.color.shape or colors.dtype != np.uint8:
         raise ValueError(f"background must be {out.color.shape} uint8, got {colors.shape} {colors.dtype}")
     if colors is out.color:
