@@ -78,6 +78,21 @@ def test_composed_slabs_are_the_panorama_that_was_never_split(walk, house):
         np.testing.assert_array_equal(composed[whole.opacity, :3], whole.color[whole.opacity])
 
 
+def test_slips_are_told_before_anything_is_drawn(house, eye, tmp_path):
+    track = [eye, eye + [0.4, 0.0, 0.0]]
+    for slip, said in (
+        ({"spacing": 1e-9}, "makes 4e"),
+        ({"size": (256.5, 64)}, "whole numbers"),
+        ({"slabs": "3"}, "slabs must be a number"),
+        ({"background": (1, 2, 300)}, "background must be"),
+    ):
+        with pytest.raises(ValueError, match=said):
+            cyc.panorama.bake(
+                house, track, **{"slabs": 2, "size": (256, 64), "out": tmp_path, "progress": False} | slip
+            )
+    assert not list(tmp_path.iterdir())
+
+
 def test_tracks_of_one_point_through_walls_and_outside_are_refused(house, eye):
     with pytest.raises(ValueError, match="two different points"):
         Track([eye, eye])
@@ -398,6 +413,16 @@ def test_damaged_stores_are_refused_by_name(house, eye, tmp_path):
     (tmp_path / "manifest.json").write_text(json.dumps(manifest)[:-40])
     with pytest.raises(ValueError, match="not a whole manifest"):
         Store(tmp_path)
+    for changes, said in (
+        ({"tile": 0}, "tiles of 0 don't divide"),
+        ({"references": [manifest["references"][0] | {"eye": [0, 0]}]}, "has its eye at"),
+    ):
+        rewritten(**changes)
+        with pytest.raises(ValueError, match=said):
+            Store(tmp_path)
+    rewritten(references=[manifest["references"][0] | {"folder": "../secret"}])
+    with pytest.raises(ValueError, match="outside the walkthrough"):
+        Store(tmp_path).reference(0)
     rewritten()
     sector = store.describe(1)["slabs"][1]["sectors"][0]
     for name in ("image", "quads"):

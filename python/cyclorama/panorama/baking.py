@@ -125,6 +125,8 @@ def bake(
     panorama = Projection(projection, size, up=up)
     _check_tile(tile, panorama)
     check_codec(codec)
+    if len(background) != 3 or not all(0 <= channel <= 255 for channel in background):
+        raise ValueError(f"background must be red, green, blue from 0 to 255, got {background!r}")
     if not (math.isfinite(mesh_pixels) and mesh_pixels > 0):
         raise ValueError(f"mesh_pixels must be positive, got {mesh_pixels}")
     check_culling(method, alpha)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import operator
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -61,9 +62,9 @@ class Projection:
         if kind not in get_args(Kind):
             raise ValueError(f"projection must be 'cylinder' or 'equirect', got {kind!r}")
         try:
-            width, height = (int(side) for side in size)
+            width, height = (operator.index(side) for side in size)
         except (TypeError, ValueError):
-            raise ValueError(f"size must be (columns, rows), got {size!r}") from None
+            raise ValueError(f"size must be (columns, rows), whole numbers, got {size!r}") from None
         self.kind: Kind = kind
         self.width, self.height = width, height
         self.axes = _axes(up)

@@ -132,6 +132,8 @@ def ranges_between(
             return checked_slabs([])
         ranges, masses = _seen(renderer, panorama, eyes)
         return checked_slabs(find_slabs(ranges, slabs, masses))
+    if isinstance(slabs, str):
+        raise ValueError(f"slabs must be a number of slabs or the ranges between them, got {slabs!r}")
     return checked_slabs(slabs)
 
 

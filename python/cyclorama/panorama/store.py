@@ -213,6 +213,11 @@ class Store:
                 Entry(float(e["t"]), np.array(e["eye"], np.float64), e.get("folder"), int(e.get("bytes", 0)))
                 for e in self.manifest["references"]
             ]
+            if self.tile < 1 or self.projection.width % self.tile or self.projection.height % self.tile:
+                raise ValueError(f"tiles of {self.tile} don't divide {self.projection!r}")
+            for index, entry in enumerate(self.references):
+                if entry.eye.shape != (3,) or not np.isfinite(entry.eye).all():
+                    raise ValueError(f"reference {index} has its eye at {entry.eye.tolist()}")
             if not np.allclose(self.projection.axes, self.manifest["axes"], atol=1e-9):
                 raise ValueError("its axes are not those of its up direction")
         except UNREADABLE as error:
@@ -265,6 +270,8 @@ class Store:
             If it is missing, can't be read, or is not the one that was written.
         """
         path = self.source.where(name)
+        if ".." in name.split("/") or name.startswith("/"):
+            raise ValueError(f"{path} is outside the walkthrough: only files in its folder are read")
         try:
             content = self.source.read(name)
         except OSError as error:
@@ -317,6 +324,15 @@ class Store:
 
     def _load(self, index: int) -> Reference:
         entry, said = self.references[index], self.describe(index)
+        try:
+            return self._decoded(entry, said)
+        except ValueError:
+            raise
+        except (*UNREADABLE, OverflowError) as error:
+            path = self.source.where(f"{entry.folder}/{VIEW}")
+            raise ValueError(f"{path} is not whole: {error!r}") from error
+
+    def _decoded(self, entry: Entry, said: dict[str, Any]) -> Reference:
         names = [
             f"{entry.folder}/{sector[kind]}"
             for slab in said["slabs"]

@@ -22,6 +22,8 @@ Floats = npt.NDArray[np.float64]
 
 # Chords of a spline a stretch between two of its points: the widest is off by less than a thousandth of the stretch.
 _CHORDS = 32
+# References of a walkthrough: a spacing that asks for more is a slip.
+_MOST_PLACES = 10_000
 
 
 class Track:
@@ -166,7 +168,7 @@ class Track:
         Raises
         ------
         ValueError
-            If `spacing` isn't positive.
+            If `spacing` isn't positive, or so small that there would be more than 10,000 places.
 
         Examples
         --------
@@ -175,6 +177,11 @@ class Track:
         """
         if not (math.isfinite(spacing) and spacing > 0):
             raise ValueError(f"spacing must be positive and finite, got {spacing}")
+        if self.length / spacing > _MOST_PLACES:
+            raise ValueError(
+                f"spacing={spacing:.6g} makes {self.length / spacing:.3g} viewpoints of a track of {self.length:.6g}: "
+                f"more than {_MOST_PLACES:,}"
+            )
         if self.spline:
             return np.linspace(0.0, 1.0, max(1, math.ceil(self.length / spacing - 1e-9)) + 1)
         places = [np.zeros(1)]
