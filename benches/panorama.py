@@ -99,7 +99,7 @@ def plainly(survey):
     return pictures, quads
 
 
-def tables(name, scene, track, up, size, views, references, alphas):
+def tables(name, scene, track, up, size, views, references, alphas, view_size):
     places = np.linspace(0, 1, references)
     # As far apart whatever their number.
     track = Track([track.at(0.0), track.at((references - 1) / 9)])
@@ -141,7 +141,9 @@ def tables(name, scene, track, up, size, views, references, alphas):
             f"{512e6 * references / before_raw:.0f} and {512e6 * references / kept_raw:.0f}"
         )
         for alpha in alphas if views else ():
-            lost = survey.losses(method, alpha, views=views, counts_tiles=method == "paper", progress=False)
+            lost = survey.losses(
+                method, alpha, views=views, size=view_size, counts_tiles=method == "paper", progress=False
+            )
             wrong = (
                 "" if lost.tiles_wrong is None else f", {lost.tiles_wrong} of {lost.tiles_dropped} dropped tiles seen"
             )
@@ -232,6 +234,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="panoramas of 1024 x 256, few references")
     parser.add_argument("--views", type=int, default=500, help="drawn with and without culling; 0 counts no losses")
+    parser.add_argument("--view-size", type=int, nargs=2, default=(320, 240), help="of those views")
     parser.add_argument("--references", type=int)
     parser.add_argument("--alphas", type=float, nargs="+", default=[1.0, 0.9, 0.8])
     parser.add_argument("--scene", choices=("castle", "open", "level"))
@@ -249,7 +252,7 @@ def main():
             continue
         scene, track, up = made
         if given.part in (None, "tables"):
-            tables(name, scene, track, up, size, given.views, references, given.alphas)
+            tables(name, scene, track, up, size, given.views, references, given.alphas, tuple(given.view_size))
         if given.part in (None, "quality"):
             found[name] = quality(name, scene, track, up, size, given.shares, given.slabs)
     if given.chart and found:

@@ -311,6 +311,44 @@ def test_occluders_before_their_slabs_end_hide_less_than_the_paper_says():
     assert 1 <= row["exact"] <= (200 - 2 * 0.49 * 163) // 8
 
 
+def test_the_papers_figure_extends_tiles_by_their_farthest_point_its_text_by_their_nearest():
+    panorama = Projection(size=(256, 64))
+    near, behind = np.zeros((2, 64, 256), np.float32)
+    near[:, 64:192] = 0.5
+    behind[:] = np.where(np.arange(64) % 2, 0.1, 0.24)[:, None]
+    eyes = np.array([[0, 0, 2.0], [0, 0, -2.0]])
+    kept = [
+        kept_tiles(panorama, [near, behind], [(0, 4), (4, 12)], eyes, tile=8, method="paper", smallest=smallest)[1]
+        for smallest in (False, True)
+    ]
+    # To the left, where the wall begins, far rows move by 2 f (1 / 4 - 1 / 10) = 12 pixels, near ones by less than one.
+    assert kept[0][4, 9] and not kept[1][4, 9]
+    assert (kept[0] | ~kept[1]).all()
+
+
+def test_what_the_papers_method_dropped_hides_nothing():
+    """Five of a tile's eight columns are covered: at alpha 0.6 the middle slab's is dropped, and the far one's, which
+    moves by a column to each side and so is covered to a half, is not."""
+    panorama = Projection(size=(256, 64))
+    near, middle, far = np.zeros((3, 64, 256), np.float32)
+    near[:, 64:69], middle[:, 64:72], far[:] = 0.5, 0.25, 0.05
+    eyes = np.array([[0, 0, 0.3], [0, 0, -0.3]])
+    slabs = [(0, 4), (4, 8), (8, 30)]
+    _, second, third = kept_tiles(panorama, [near, middle, far], slabs, eyes, tile=8, method="paper", alpha=0.6)
+    assert not second.any() and third.all()
+
+
+def test_what_exact_culling_dropped_below_alpha_1_hides_nothing():
+    """The middle slab's tile is hidden by half, and dropped at alpha 0.4: through the gap one sees the far one's."""
+    panorama = Projection(size=(256, 64))
+    near, middle, far = np.zeros((3, 64, 256), np.float32)
+    near[:, 64:72], middle[:, 48:88], far[:] = 0.5, 0.45, 0.05
+    eyes, slabs = np.array([[0, 0, 0.1], [0, 0, -0.1]]), [(0, 2.1), (2.1, 8), (8, 30)]
+    kept = {a: kept_tiles(panorama, [near, middle, far], slabs, eyes, tile=8, alpha=a) for a in (0.4, 1.0)}
+    assert not kept[0.4][1][1:-1, 8].any() and kept[0.4][2][1:-1, 8].all()
+    assert kept[1.0][1][1:-1, 8].all() and not kept[1.0][2][1:-1, 8].any()
+
+
 def test_slabs_are_cut_in_valleys_and_out_of_order_is_refused(house, eye, tmp_path):
     rng = np.random.default_rng(1)
     groups = [rng.normal(m, s, 4000) for m, s in ((1.0, 0.05), (10.0, 1.0), (200.0, 20.0))]
