@@ -261,22 +261,23 @@ def test_no_ray_from_the_track_reaches_what_exact_culling_dropped(survey, house)
     assert wrong > 3e-4 * count
 
 
-def test_a_far_wall_goes_on_hiding_where_the_near_one_ends():
+@pytest.mark.parametrize(("kind", "rows"), [("cylinder", 64), ("equirect", 128)])
+def test_a_far_wall_goes_on_hiding_where_the_near_one_ends(kind, rows):
     """A wall at 2 over half of the panorama, a closed one at 4, something at 8: the shadows of both join."""
-    panorama = Projection(size=(256, 64))
-    near, far, behind = (np.full((64, 256), 1 / r, np.float32) for r in (2, 4, 8))
+    panorama = Projection(kind, (256, rows))
+    near, far, behind = (np.full((rows, 256), 1 / r, np.float32) for r in (2, 4, 8))
     near[:, 128:] = 0
     slabs = [(0.0, 3.0), (3.0, 6.0), (6.0, np.inf)]
     eyes = np.array([[0.3, 0, 0], [-0.3, 0, 0]])
     keep = kept_tiles(panorama, [near, far, behind], slabs, eyes, tile=8)
-    assert not keep[2][1:-1].any()
+    assert not keep[2][3:-3].any()
     # A slit in the far one, hidden by the near one from the viewpoint, shows what is behind.
     far[:, 64] = 0
     keep = kept_tiles(panorama, [near, far, behind], slabs, eyes, tile=8)
-    assert not keep[2][1:-1].any(), "the near wall is wide enough"
+    assert not keep[2][3:-3].any(), "the near wall is wide enough"
     near[:, 60:] = 0
     keep = kept_tiles(panorama, [near, far, behind], slabs, eyes, tile=8)
-    assert keep[2][4, 8] and not keep[2][4, 20]
+    assert keep[2][rows // 16, 8] and not keep[2][rows // 16, 20]
 
 
 def test_tables_count_tiles_and_bytes(survey):
@@ -347,6 +348,38 @@ def test_what_exact_culling_dropped_below_alpha_1_hides_nothing():
     kept = {a: kept_tiles(panorama, [near, middle, far], slabs, eyes, tile=8, alpha=a) for a in (0.4, 1.0)}
     assert not kept[0.4][1][1:-1, 8].any() and kept[0.4][2][1:-1, 8].all()
     assert kept[1.0][1][1:-1, 8].all() and not kept[1.0][2][1:-1, 8].any()
+
+
+class Shades:
+    """A sphere around the eye, black as seen from the track's start and light from its end."""
+
+    def __init__(self, start, end):
+        self.start, self.end = start, end
+
+    def render(self, eye, projection, near, far):
+        shape = projection.shape
+        away = self.end if eye[0] > 0.5 else self.start
+        color = np.full((*shape, 3), 200 * eye[0], np.uint8)
+        return Layer(color, np.ones(shape, np.bool_), np.full(shape, away, np.float32))
+
+
+@pytest.mark.parametrize(
+    ("spheres", "between", "expected"),
+    [
+        # Weights are the squares of nearness: 200 / (1 + 9), 200 / 2, 200 * 9 / 10.
+        ((1000.0, 1000.0), 0.25, 20),
+        ((1000.0, 1000.0), 0.5, 100),
+        ((1000.0, 1000.0), 0.75, 180),
+        # Of what lies behind, a fiftieth stays: 200 / 51, and 200 * 50 / 51.
+        ((100.0, 1000.0), 0.5, 4),
+        ((1000.0, 100.0), 0.5, 196),
+    ],
+)
+def test_pictures_are_mixed_by_the_square_of_nearness_and_what_is_in_front_wins(spheres, between, expected):
+    survey = Survey(Shades(*spheres), [(0, 0, 0), (1, 0, 0)], 1, (256, 64), places=[0.0, 1.0], progress=False)
+    camera = cyc.Camera.look_at([between, 0, 0], [between, 0, -1], fov_y=30, width=40, height=30)
+    seen = seen_between(survey.references, between, survey.projection, camera, (255, 0, 255))
+    assert (seen.color == expected).all()
 
 
 def test_slabs_are_cut_in_valleys_and_out_of_order_is_refused(house, eye, tmp_path):
