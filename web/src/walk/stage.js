@@ -188,11 +188,13 @@ export class Stage {
     this.renderer = new THREE.WebGLRenderer({ canvas, preserveDrawingBuffer: true });
     this.renderer.outputColorSpace = THREE.LinearSRGBColorSpace; // colours pass through unchanged
     this.renderer.autoClear = false;
-    this.renderer.getContext().getExtension("EXT_color_buffer_float");
+    // Software draws to whole floats faster than to halves; where they can't be drawn to, halves will do.
+    const whole = this.renderer.getContext().getExtension("EXT_color_buffer_float");
+    const float = whole ? THREE.FloatType : THREE.HalfFloatType;
     this.camera = new THREE.PerspectiveCamera(60, 1, 1e-3, 1);
     this.shapes = new Map();
     // Colours and disparities beside references, colours and opacities at them.
-    this.targets = [THREE.HalfFloatType, THREE.HalfFloatType, THREE.UnsignedByteType].map(
+    this.targets = [float, float, THREE.UnsignedByteType].map(
       (type, index) =>
         new THREE.WebGLRenderTarget(4, 4, {
           type,
