@@ -125,9 +125,20 @@ impl Confirm {
         let Self { pyramid, unclear, candidates, spread, trials, .. } = self;
         if sparse {
             let (grid, points) = (Some(&Offsets::new(samples)), rays.points);
-            let (view, band) = (&view, &band);
-            let rest =
-                Rest { view, candidates, pyramid, band, unclear, points, samples: 1.0, grid, spread, trials };
+            let (view, mesh, band) = (&view, scene.mesh(), &band);
+            let rest = Rest {
+                view,
+                mesh,
+                candidates,
+                pyramid,
+                band,
+                unclear,
+                points,
+                samples: 1.0,
+                grid,
+                spread,
+                trials,
+            };
             InstructionSet::best().run(rest);
             self.rest(scene, view, row);
             return;
@@ -143,6 +154,7 @@ impl Confirm {
             pyramid.read(band);
             let rest = Rest {
                 view,
+                mesh: scene.mesh(),
                 candidates,
                 pyramid,
                 band,

@@ -3,7 +3,7 @@
 use super::FIRST;
 use super::candidates::Candidates;
 use super::points::Point;
-use super::trials::Trials;
+use super::trials::{HIDERS, Trials};
 use super::unclear::{RING, Unclear};
 use crate::camera::Projection;
 use crate::mesh::Mesh;
@@ -224,6 +224,7 @@ impl Spread {
 /// it, others' on a grid.
 pub struct Rest<'a, 'b> {
     pub view: &'a View,
+    pub mesh: &'a Mesh,
     pub candidates: &'a Candidates,
     pub pyramid: &'a mut Pyramid,
     pub band: &'a Band<'b>,
@@ -241,43 +242,58 @@ impl Kernel for Rest<'_, '_> {
     type Output = ();
 
     #[inline(always)]
-    fn run<L: Lanes>(mut self) {
-        self.trials.clear();
-        for owner in 0..self.candidates.len() {
-            self.trials.begin(self.candidates.hiders(owner));
-            let corners = self.candidates.corners(owner);
-            let Some(triangle) = Triangle::new(self.view, corners) else { continue };
-            let Some(area) = pixel_box(self.view, corners, &self.band.rows, RING) else { continue };
-            if !self.unclear.look::<L>(self.pyramid, self.band, self.view, corners, area) {
+    fn run<L: Lanes>(self) {
+        let Self { view, mesh, candidates, pyramid, band, unclear, points, samples, grid, spread, trials } =
+            self;
+        trials.clear();
+        for owner in 0..candidates.len() {
+            trials.begin();
+            let corners = candidates.corners(owner);
+            let Some(triangle) = Triangle::new(view, corners) else { continue };
+            let Some(area) = pixel_box(view, corners, &band.rows, RING) else { continue };
+            if !unclear.look::<L>(pyramid, band, view, corners, area) {
                 continue;
             }
-            self.unclear.widen();
+            unclear.widen();
+            let mut hiders = [const { None }; HIDERS];
+            for (test, face) in hiders.iter_mut().zip(candidates.hiders(owner).iter()) {
+                *test = Triangle::new(view, &view.project_face(mesh, face)).as_ref().map(Test::<L>::new);
+            }
+            let mut open = Open { view, unclear, test: Test::new(&triangle), hiders, trials };
             let (side, doubled_area) = size(corners);
-            let thick = doubled_area > THICK * self.samples * side;
-            if let Some(offsets) = self.grid
+            let thick = doubled_area > THICK * samples * side;
+            if let Some(offsets) = grid
                 && (thick || doubled_area == 0.0)
             {
-                self.grid::<L>(&triangle, offsets);
+                open.add_grid(offsets);
                 continue;
             }
             let (first, shares) = if thick {
                 (INTERIOR, 1.0)
             } else {
-                (0, (side / (self.samples * SIDE_PER_SHARE)).clamp(1.0, MOST_SHARES))
+                (0, (side / (samples * SIDE_PER_SHARE)).clamp(1.0, MOST_SHARES))
             };
-            let points = (self.points.saturating_sub(FIRST) as f64 * shares) as usize;
-            self.along::<L>(owner, &triangle, first + FIRST..first + FIRST + points);
+            let points = (points.saturating_sub(FIRST) as f64 * shares) as usize;
+            open.add_spread(corners, spread, first + FIRST..first + FIRST + points);
         }
     }
 }
 
-impl Rest<'_, '_> {
-    /// Some of the points that are spread over a face.
+/// Where points of a face are still to be tested: where the picture leaves it open and no known face hides them.
+struct Open<'a, L: Lanes> {
+    view: &'a View,
+    unclear: &'a Unclear,
+    test: Test<L>,
+    hiders: [Option<Test<L>>; HIDERS],
+    trials: &'a mut Trials,
+}
+
+impl<L: Lanes> Open<'_, L> {
+    /// Lists some of the points that are spread over the face.
     #[inline(always)]
-    fn along<L: Lanes>(&mut self, owner: usize, triangle: &Triangle, points: Range<usize>) {
-        let Spread([u, v, t]) = self.spread;
-        let [a, b, c] = *self.candidates.corners(owner);
-        let (test, zero) = (Test::<L>::new(triangle), L::splat(0.0));
+    fn add_spread(&mut self, corners: &[Vertex; 3], Spread([u, v, t]): &Spread, points: Range<usize>) {
+        let [a, b, c] = *corners;
+        let zero = L::splat(0.0);
         for first in points.clone().step_by(L::COUNT) {
             let real = (1_u32 << (points.end - first).min(L::COUNT)) - 1;
             // SAFETY: the arrays have a register of entries past the last point.
@@ -287,39 +303,39 @@ impl Rest<'_, '_> {
             let w = mix(weights, L::splat(a.w), L::splat(b.w), L::splat(c.w));
             let x = mix(weights, L::splat(a.x), L::splat(b.x), L::splat(c.x)).div(w);
             let y = mix(weights, L::splat(a.y), L::splat(b.y), L::splat(c.y)).div(w);
-            let front = L::and(w.gt(zero), L::mask(real));
-            self.add(x, y, &test, front);
+            self.add(x, y, L::and(w.gt(zero), L::mask(real)));
         }
     }
 
-    /// The points of a grid finer than the pixels'.
+    /// Lists the points of a grid finer than the pixels'.
     #[inline(always)]
-    fn grid<L: Lanes>(&mut self, triangle: &Triangle, offsets: &Offsets) {
-        let test = Test::<L>::new(triangle);
-        for pixel in 0..self.unclear.count() {
-            let (column, row) = self.unclear.pixel(pixel);
-            let (column, row) = (L::splat(self.view.column(column)), L::splat(self.view.row(row)));
+    fn add_grid(&mut self, offsets: &Offsets) {
+        let (view, unclear) = (self.view, self.unclear);
+        for (column, row) in unclear.pixels() {
+            let (column, row) = (L::splat(view.column(column)), L::splat(view.row(row)));
             for first in (0..offsets.count).step_by(L::COUNT) {
                 let real = (1_u32 << (offsets.count - first).min(L::COUNT)) - 1;
                 // SAFETY: the arrays have a register of entries past the last.
                 let (x, y) =
                     unsafe { (L::load(offsets.x[first..].as_ptr()), L::load(offsets.y[first..].as_ptr())) };
-                self.add(x.add(column), y.add(row), &test, L::mask(real));
+                self.add(x.add(column), y.add(row), L::mask(real));
             }
         }
     }
 
-    /// Lists those of some positions at which the face and the picture leave something to find.
+    /// Lists those of some positions at which the face, the picture and what is known to hide it leave something to find.
     #[inline(always)]
-    fn add<L: Lanes>(&mut self, x: L, y: L, test: &Test<L>, mask: L::Mask) {
+    fn add(&mut self, x: L, y: L, mask: L::Mask) {
         let view = self.view;
         let mut mask = L::and(mask, L::splat(0.5 * view.width as f64).ge(x.abs()));
         mask = L::and(mask, L::splat(0.5 * view.height as f64).ge(y.abs()));
-        let (covers, value) = test.at(view, x, y);
-        mask = L::and(mask, covers);
-        let mut left = L::bits(mask);
-        if left == 0 {
-            return;
+        let (covers, value) = self.test.at(view, x, y);
+        let mut left = L::bits(L::and(mask, covers));
+        for hider in self.hiders.iter().flatten() {
+            if left == 0 {
+                return;
+            }
+            left &= !L::bits(hider.hides(view, x, y, value));
         }
         let (xs, ys, values) = (lanes(x), lanes(y), lanes(value));
         while left != 0 {

@@ -56,10 +56,10 @@ impl Trials {
         self.open.clear();
     }
 
-    /// Begins with the next face, of which these hide points.
-    pub fn begin(&mut self, hiders: Hiders) {
+    /// Begins with the next face.
+    pub fn begin(&mut self) {
         self.spans.push([self.x.len() as u32; 2]);
-        self.hiders.push(hiders);
+        self.hiders.push(Hiders::NONE);
         self.open.push(false);
     }
 
@@ -120,16 +120,6 @@ impl Kernel for Thin<'_> {
 
     #[inline(always)]
     fn run<L: Lanes>(self) {
-        match self.view.projection {
-            Projection::Perspective => self.thin::<L, true>(),
-            Projection::Orthographic => self.thin::<L, false>(),
-        }
-    }
-}
-
-impl Thin<'_> {
-    #[inline(always)]
-    fn thin<L: Lanes, const PERSPECTIVE: bool>(self) {
         let Self { trials, view, mesh } = self;
         let Trials { spans, x, y, values, hiders, open } = trials;
         let room = x.len().max(spans.last().map_or(0, |span| span[1] as usize + MOST_LANES));
@@ -158,7 +148,7 @@ impl Thin<'_> {
                             L::load(arrays[2].as_ptr()),
                         )
                     };
-                    let hidden = test.hides::<PERSPECTIVE>(view, px, py, value);
+                    let hidden = test.hides(view, px, py, value);
                     let mut left = real & !L::bits(hidden);
                     while left != 0 {
                         let at = first + left.trailing_zeros() as usize;
@@ -176,11 +166,13 @@ impl Thin<'_> {
 impl<L: Lanes> Test<L> {
     /// Which of some points the face is before, as [`Nearness::is_before`] has it.
     #[inline(always)]
-    fn hides<const PERSPECTIVE: bool>(&self, view: &View, x: L, y: L, value: L) -> L::Mask {
+    pub fn hides(&self, view: &View, x: L, y: L, value: L) -> L::Mask {
         let (covers, here) = self.at(view, x, y);
-        let unit = Nearness(1.0).limit(view.projection);
-        let limit = value.mul(L::splat(unit));
-        L::and(covers, if PERSPECTIVE { here.gt(limit) } else { limit.gt(here) })
+        let limit = value.mul(L::splat(Nearness(1.0).limit(view.projection)));
+        L::and(
+            covers,
+            if view.projection == Projection::Perspective { here.gt(limit) } else { limit.gt(here) },
+        )
     }
 
     /// Where the face covers some positions, and its value there.
@@ -240,19 +232,20 @@ mod tests {
                 .collect();
             for set in InstructionSet::available() {
                 let mut trials = Trials::default();
-                trials.begin(Hiders::NONE);
+                trials.begin();
                 trials.push(0.0, 0.0, 1.0);
                 trials.clear();
-                for (owner, (hiders, _)) in owners.iter().enumerate() {
-                    let mut known = Hiders::NONE;
-                    hiders.iter().for_each(|face| known.add(face % count));
-                    trials.begin(known);
+                for owner in 0..owners.len() {
+                    trials.begin();
                     for point in points.iter().filter(|point| point.owner == owner as u32) {
                         trials.push(point.x, point.y, point.value);
                     }
                 }
-                let open = owners.iter().enumerate().filter(|(_, (_, open))| *open);
-                trials.learn(open.map(|(owner, _)| (owner as u32, OPEN)));
+                let answers = owners.iter().enumerate().flat_map(|(owner, (hiders, open))| {
+                    let hidden = hiders.iter().map(|face| face % count);
+                    hidden.chain(open.then_some(OPEN)).map(move |answer| (owner as u32, answer))
+                });
+                trials.learn(answers);
                 set.run(Thin { trials: &mut trials, view: &view, mesh: &mesh });
                 let left = |owner: u32| {
                     let (hiders, open) = &owners[owner as usize];

@@ -26,8 +26,6 @@ pub struct Unclear {
     words: usize,
     bits: Vec<u64>,
     wide: Vec<u64>,
-    /// Its pixels.
-    pixels: Vec<[u32; 2]>,
 }
 
 impl Unclear {
@@ -105,8 +103,6 @@ impl Unclear {
     pub fn widen(&mut self) {
         let (words, rows) = (self.words, self.area.y.len());
         self.wide.clear();
-        self.pixels.clear();
-        self.wide.resize(self.bits.len(), 0);
         for row in 0..rows {
             for word in 0..words {
                 let mut all = 0;
@@ -117,14 +113,7 @@ impl Unclear {
                     let here = self.bits[at + word];
                     all |= here | here << 1 | before >> (WORD - 1) | here >> 1 | after << (WORD - 1);
                 }
-                self.wide[row * words + word] = all;
-                while all != 0 {
-                    let x = self.left + word * WORD + all.trailing_zeros() as usize;
-                    if self.area.x.contains(&x) {
-                        self.pixels.push([x as u32, (self.area.y.start + row) as u32]);
-                    }
-                    all &= all - 1;
-                }
+                self.wide.push(all);
             }
         }
     }
@@ -140,16 +129,18 @@ impl Unclear {
         self.wide[row * self.words + column / WORD] >> (column % WORD) & 1 == 1
     }
 
-    /// How many pixels [`widen`](Self::widen) left.
-    pub fn count(&self) -> usize {
-        self.pixels.len()
-    }
-
-    /// One of the pixels of [`widen`](Self::widen).
+    /// The columns and rows of the pixels of [`widen`](Self::widen).
     #[inline(always)]
-    pub fn pixel(&self, index: usize) -> (usize, usize) {
-        let [x, y] = self.pixels[index];
-        (x as usize, y as usize)
+    pub fn pixels(&self) -> impl Iterator<Item = (usize, usize)> + '_ {
+        let rows = self.wide.chunks_exact(self.words.max(1)).zip(self.area.y.clone());
+        let words =
+            rows.flat_map(|(row, y)| row.iter().zip((self.left..).step_by(WORD)).map(move |word| (word, y)));
+        let all = words.flat_map(|((&word, left), y)| {
+            std::iter::successors(Some(word), |rest| Some(rest & rest.wrapping_sub(1)))
+                .take_while(|&rest| rest != 0)
+                .map(move |rest| (left + rest.trailing_zeros() as usize, y))
+        });
+        all.filter(|(x, _)| self.area.x.contains(x))
     }
 }
 
@@ -170,8 +161,8 @@ impl Busy {
 
     /// Adds those of a face's pixels.
     pub fn add(&mut self, unclear: &Unclear) {
-        for &[x, y] in &unclear.pixels {
-            self.tiles[y as usize / TILE * self.columns + x as usize / TILE] = true;
+        for (x, y) in unclear.pixels() {
+            self.tiles[y / TILE * self.columns + x / TILE] = true;
         }
     }
 
@@ -317,14 +308,14 @@ mod tests {
                         Look { unclear: &mut unclear, band: &band, view: &view, corners, area: area.clone() };
                     let any = set.run(look);
                     unclear.widen();
-                    prop_assert_eq!(any, !unclear.pixels.is_empty());
+                    prop_assert_eq!(any, unclear.pixels().count() > 0);
                     found.push(unclear);
                 }
                 for y in area.y.clone() {
                     for x in area.x.clone() {
                         let has = found[0].has(x, y);
                         prop_assert!(found.iter().all(|unclear| unclear.has(x, y) == has));
-                        prop_assert_eq!(found[0].pixels.contains(&[x as u32, y as u32]), has);
+                        prop_assert_eq!(found[0].pixels().any(|pixel| pixel == (x, y)), has);
                         let sample = key(band.samples[y * band.stride + x]);
                         if triangle.hit(view.column(x), view.row(y)).is_some_and(|n| n.key(view.projection) >= sample) {
                             for (x, y) in [(x, y), (x.saturating_sub(1), y), (x, y + 1), (x + 1, y.saturating_sub(1))] {
@@ -358,7 +349,7 @@ mod tests {
                 for x in area.x.clone() {
                     let beside = marks.iter().any(|mark| mark.0.abs_diff(x) <= 1 && mark.1.abs_diff(y) <= 1);
                     prop_assert_eq!(unclear.has(x, y), beside);
-                    prop_assert_eq!(unclear.pixels.contains(&[x as u32, y as u32]), beside);
+                    prop_assert_eq!(unclear.pixels().any(|pixel| pixel == (x, y)), beside);
                 }
             }
         }
