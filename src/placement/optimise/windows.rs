@@ -28,13 +28,12 @@ pub fn search(view: &View, gap: f64, most: usize, start: Option<Solution>) -> Op
     let widest = search.widest();
     let mut queue = BinaryHeap::new();
     queue.extend(search.range(0, last, 0.0, widest, None));
-    let mut bound = search.value;
-    while let Some(range) = queue.pop() {
-        bound = range.bound.max(search.value);
+    let bound = loop {
+        // What was left out is worth no more than what was found, also when the last range was halved.
+        let Some(range) = queue.pop() else { break search.value };
         if range.bound <= search.value + gap || search.evaluated >= most {
-            break;
+            break range.bound.max(search.value);
         }
-        bound = search.value;
         // How much the benefit changes over the range: what its bound can be too high by.
         let near = |i: usize| search.depths[i];
         let benefit = |extent: f64, depth: f64| view.benefit(extent, depth);
@@ -51,7 +50,7 @@ pub fn search(view: &View, gap: f64, most: usize, start: Option<Solution>) -> Op
             queue.extend(search.range(range.first, range.last, range.low, middle, None));
             queue.extend(search.range(range.first, range.last, middle, range.high, culled));
         }
-    }
+    };
     let evaluated = search.evaluated;
     match search.best {
         Some(members) => view.solution(&members, bound, evaluated),
