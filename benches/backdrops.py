@@ -1,7 +1,7 @@
 """Walks with backdrops: every display beside the true pictures, what a frame costs, and what could be stored once.
 
     python benches/backdrops.py [--quick] [--budget 0.2] [--faces 1000000] [--frames 200] [--until 0] [--folder DIR]
-        [--scenes ...] [--plain] [--picture FILE]
+        [--scenes ...] [--plain] [--picture FILE] [--parts walk sizes speed overlap]
 
 A plan is placed, then a seeded path at 510 x 480 is drawn in the displays of the 1998 dissertation's section 1.4.1 and
 compared with the whole scene drawn from the same eyes, everything painted with a solid texture: flat faces would hide
@@ -15,7 +15,9 @@ itself loses when it is drawn half a pixel beside: no picture that is sampled an
 the walk after so many of its frames. `--picture` writes the last one: the truth, which pixels show the backdrop, and
 the layered image; below, one image warped, flat, and with geometry bent to it (`--plain`: in the scene's colours).
 
-Then: how much of an image's samples the one taken nearest to it has as well.
+Then, over every tenth frame: the layered image warped at smaller sizes and scaled up (4.4.3); and the whole scene in
+pyrender's OpenGL beside the faces of the plan in it with our warp (without a picture of it: flat colours). Last: how
+much of an image's samples the one taken nearest to it has as well.
 """
 
 from __future__ import annotations
@@ -35,8 +37,12 @@ from cyclorama.placement import Plan, walking
 from cyclorama.placement.backdrops import Backdrops
 from cyclorama.placement.painting import frame_camera
 from cyclorama.render import View
+from frame_rates import Pipeline
 
 SIZE = (510, 480)
+#: Of the warp, smaller and smaller.
+SIZES = (None, (408, 384), (340, 320), (255, 240), (170, 160), (102, 96))
+PARTS = ["walk", "sizes", "speed", "overlap"]
 
 
 class Texture:
@@ -63,6 +69,7 @@ def main() -> None:
         picture="",
         folder="",
         scenes=["pipes", "sibenik"],
+        parts=PARTS,
     )
     frames = 20 if options.quick else options.frames
     sibenik = bench.scene(options.meshes, "sibenik")
@@ -92,20 +99,27 @@ def main() -> None:
             # Toward the middle of the box: an eye that looks outward needs no image.
             gazes = ((low + high) / 2 - eyes) * (1, 0, 1)
             eyes, gazes = eyes[: options.until or None], gazes[: options.until or None]
-            # Images are painted when a frame first shows some of them: that is not part of its time (a median).
-            rows = walking.walk(backdrops, eyes, gazes, size=SIZE, progress=False)
-            used = painted(backdrops)
-            samples = np.array([layered.samples for layered in used] or [0])
-            title = (
-                f"{name}: {len(scene):,} faces, budget {plan.budget:,}, {len(plan.images)} images placed in "
-                f"{placed:.1f} s; {len(used)} layered images painted, "
-                f"{np.median(samples):,.0f} samples each, {8 * samples.sum() / 2**20:.0f} MB; half a pixel "
-                f"{half_a_pixel(backdrops, eyes[::20], gazes[::20]):.1f} dB"
-            )
-            bench.show(title, [shown(row) for row in rows])
+            if "walk" in options.parts:
+                # Images are painted when a frame first shows some of them: that is not part of its time (a median).
+                rows = walking.walk(backdrops, eyes, gazes, size=SIZE, progress=False)
+                used = painted(backdrops)
+                samples = np.array([layered.samples for layered in used] or [0])
+                title = (
+                    f"{name}: {len(scene):,} faces, budget {plan.budget:,}, {len(plan.images)} images placed in "
+                    f"{placed:.1f} s; {len(used)} layered images painted, "
+                    f"{np.median(samples):,.0f} samples each, {8 * samples.sum() / 2**20:.0f} MB; half a pixel "
+                    f"{half_a_pixel(backdrops, eyes[::20], gazes[::20]):.1f} dB"
+                )
+                bench.show(title, [shown(row) for row in rows])
+            if "sizes" in options.parts:
+                bench.show(f"{name}: smaller warps", sizes(backdrops, eyes[::10], gazes[::10]))
+            if "speed" in options.parts:
+                bench.show(f"{name}: in OpenGL", [speed(backdrops, eyes[::10], gazes[::10])])
             if options.picture:
                 picture(backdrops, eyes[-1], gazes[-1], Path(options.picture))
-            bench.show(f"{name}: samples that the image taken nearest has too", [overlap(backdrops, used)])
+            if "overlap" in options.parts:
+                rows = [overlap(backdrops, painted(backdrops))]
+                bench.show(f"{name}: samples that the image taken nearest has too", rows)
             backdrops.close()
 
 
@@ -122,6 +136,63 @@ def painted(backdrops: Backdrops) -> list[cyc.LayeredDepthImage]:
     """The layered images that are in the folder."""
     keys = [key for index in range(len(backdrops.plan.images)) for key in backdrops.leaves(index)]
     return [backdrops.store.get(key) for key in keys if backdrops.store.has(key)]
+
+
+def sizes(backdrops: Backdrops, eyes: np.ndarray, gazes: np.ndarray) -> list[Row]:
+    """Rows of the layered image warped at smaller sizes and scaled up."""
+    rows = []
+    for size in SIZES:
+        row = walking.walk(backdrops, eyes, gazes, displays=("ldi",), size=SIZE, warp_size=size, progress=False)[0]
+        width, height = size or SIZE
+        columns = ("frames", "PSNR, dB", "behind, dB", "holes", "worst", "step", "frame, ms", "backdrop, ms")
+        rows.append({"warped at": f"{width} x {height}"} | {name: shown(row)[name] for name in columns})
+    return rows
+
+
+def speed(backdrops: Backdrops, eyes: np.ndarray, gazes: np.ndarray, rounds: int = 5) -> Row:
+    """A row of what frames that need an image take in OpenGL: medians over frames of the best of some rounds."""
+    plan, scene = backdrops.plan, backdrops.scene
+    pipeline = Pipeline(scene, SIZE)
+    span = (1e-3 * scene.radius, 4 * scene.radius)
+    cells = np.arange(len(plan.cells()[1]))
+    found: dict[str, list[float]] = {"whole": [], "in frustum": [], "plan": [], "warp": [], "own": []}
+    try:
+        for eye, gaze in zip(eyes, gazes, strict=True):
+            drawn = backdrops.draw(eye, gaze, SIZE)
+            if drawn.stats.image is None:
+                continue
+            camera = drawn.camera
+            faces = np.concatenate([plan.frame(eye, gaze).faces, drawn.nearer])
+            inside = backdrops.foreground.of(cells, camera, len(scene)).faces
+            ways = {
+                "whole": lambda camera=camera: pipeline.draw(camera, None, span),
+                "in frustum": lambda camera=camera, faces=inside: pipeline.draw(camera, faces, span),
+                "plan": lambda camera=camera, faces=faces: pipeline.draw(camera, faces, span),
+                "own": lambda camera=camera: scene.render(camera),
+            }
+            best = dict.fromkeys(found, np.inf)
+            for _ in range(rounds):
+                for way, job in ways.items():
+                    best[way] = min(best[way], 1e3 * lab.elapsed(job)[1])
+                stats = backdrops.draw(eye, gaze, SIZE).stats
+                best["warp"] = min(best["warp"], stats.placed + stats.warped + stats.composed)
+            for way, value in best.items():
+                found[way].append(value)
+        name = pipeline.name()
+    finally:
+        pipeline.close()
+    middle = {way: float(np.median(values)) for way, values in found.items()}
+    return {
+        "OpenGL": name,
+        "frames": len(found["whole"]),
+        "whole, ms": middle["whole"],
+        "in frustum, ms": middle["in frustum"],
+        "plan's faces, ms": middle["plan"],
+        "placed, warped, composed, ms": middle["warp"],
+        "whole / plan": middle["whole"] / (middle["plan"] + middle["warp"]),
+        "in frustum / plan": middle["in frustum"] / (middle["plan"] + middle["warp"]),
+        "own rasteriser, whole, ms": middle["own"],
+    }
 
 
 def picture(backdrops: Backdrops, eye: np.ndarray, gaze: np.ndarray, path: Path) -> None:

@@ -55,15 +55,19 @@ class Pipeline:
         self.flags = pyrender.RenderFlags.FLAT | pyrender.RenderFlags.SKIP_CULL_FACES
         self.pyrender = pyrender
 
-    def draw(self, camera: cyc.Camera, faces: np.ndarray | None) -> np.ndarray:
-        """(H, W) depths; the picture itself comes back from OpenGL too, in time, and is left."""
+    def draw(self, camera: cyc.Camera, faces: np.ndarray | None, span: tuple[float, float] | None = None) -> np.ndarray:
+        """(H, W) depths; the picture itself comes back from OpenGL too, in time, and is left.
+
+        Depths are cut off at the ends of `span`, by default those of an eye that turns around the scene.
+        """
         pose = camera.world_to_camera.copy()
         pose[:3, 3] += pose[:3, :3] @ self.center
         reach = float(np.linalg.norm(pose[:3, 3]))
+        near, far = span or (0.05 * reach, 2 * reach)
         moved = camera.replace(world_to_camera=pose)
-        view, _ = moved.to_opengl(0.05 * reach, 2 * reach)
+        view, _ = moved.to_opengl(near, far)
         (fx, _, cx), (_, fy, cy), _ = camera.K
-        self.lens.camera = self.pyrender.IntrinsicsCamera(fx, fy, cx, cy, znear=0.05 * reach, zfar=2 * reach)
+        self.lens.camera = self.pyrender.IntrinsicsCamera(fx, fy, cx, cy, znear=near, zfar=far)
         self.scene.set_pose(self.lens, np.linalg.inv(view))
         self.scene.set_pose(self.light, np.linalg.inv(view))
         if self.primitive._in_context():

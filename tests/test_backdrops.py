@@ -17,7 +17,7 @@ import pytest
 
 import cyclorama as cyc
 from cyclorama import BACKGROUND, Camera, DepthImage, LayeredDepthImage
-from cyclorama.placement import painting, walking
+from cyclorama.placement import drawing, painting, walking
 from cyclorama.placement.backdrops import Backdrops
 from cyclorama.placement.drawing import DISPLAYS
 from cyclorama.placement.foreground import Foreground
@@ -238,6 +238,33 @@ def test_groups_are_divided_until_the_error_holds_or_cannot(plan, scene, used, t
     (key,) = none.unmet()
     assert none.unmet()[key] > 0 and len(none.groups.group(0, key // 2 + 1).eyes) < 8
     assert all(error > 30 for error in tight.unmet().values())
+
+
+def test_what_the_image_of_a_group_does_not_know_others_fill(plan, scene, used, tmp_path, monkeypatch):
+    made = Backdrops(plan, scene, tmp_path, size=(96, 72), spread=9.0, construction=2, max_error=0.0)
+    made._uses = used
+    group = made.groups.group(0)
+    made.groups._groups[0, 1] = replace(group, eyes=group.eyes[:12], gazes=group.gazes[:12], room=group.room[:12])
+    own = made.image(0, EYE, GAZE)
+    alone = list(made.images(0, EYE, GAZE))
+    assert len(alone) == 1 and alone[0] is own
+    for eye, gaze in zip(group.eyes[:12], group.gazes[:12], strict=True):
+        made.image(0, eye, gaze)
+    # Each painted image once, that of the frame's own group first.
+    images = list(made.images(0, EYE, GAZE))
+    paths = {made.store.path(key) for key in range(64) if made.store.has(key)}
+    assert images[0] is own and len({id(image) for image in images}) == len(images) == len(paths) > 1
+    camera = painting.frame_camera(plan, EYE, GAZE, SIZE)
+    wanted = np.ones(SIZE[::-1], np.bool_)
+    first = own.warp(camera, splat="projected")
+    filled, samples = drawing._layered(made.pictures, 0, camera, "projected", wanted, None)
+    assert 0 < filled.hole.sum() < first.hole.sum() and samples > own.samples
+    for name in ("color", "depth", "source"):
+        np.testing.assert_array_equal(getattr(filled, name)[~first.hole], getattr(first, name)[~first.hole])
+    # What is filled is what some other image shows there.
+    more = first.hole & ~filled.hole
+    others = np.stack([image.warp(camera, splat="projected", where=first.hole).depth for image in images[1:]])
+    assert (others[:, more] == filled.depth[more]).any(axis=0).all()
 
 
 def test_the_rest_of_a_budget_draws_what_is_nearest(scene):

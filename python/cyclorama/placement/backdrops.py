@@ -7,6 +7,7 @@ the eye are loaded before they are.
 from __future__ import annotations
 
 import hashlib
+import heapq
 import math
 import os
 import threading
@@ -161,7 +162,7 @@ class Backdrops:
         self._painter = _Painter(
             plan, scene, self.foreground, eyes, self._size, where, self._construction, self._max_holes, self.color
         )
-        self.pictures = Pictures(plan, scene, self._size, self.color, self.image, self.foreground if spend else None)
+        self.pictures = Pictures(plan, scene, self._size, self.color, self.images, self.foreground if spend else None)
 
     @cached_property
     def groups(self) -> Groups:
@@ -191,20 +192,51 @@ class Backdrops:
         FileNotFoundError
             If it is not painted and may not be painted on demand.
         """
-        key, count = index, len(self.plan.images)
+        return next(self.images(index, eye, gaze))
+
+    def images(self, index: int, eye: npt.ArrayLike, gaze: npt.ArrayLike) -> Iterator[LayeredDepthImage]:
+        """The layered images of a placement, that of a frame's own group first, then those of others that are painted,
+        nearer ones first: what one does not know another may. Raises what `image` does."""
+        own = self._own(index, eye, gaze)
+        yield self.store.get(own)
+        waiting = [(0.0, index)]
+        while waiting:
+            _, key = heapq.heappop(waiting)
+            if self.store.has(key):
+                if key != own:
+                    yield self.store.get(key)
+            elif self._is_divided(key):
+                away, halves = self._halves(key, eye, gaze)
+                for nearness, half in zip(away, halves, strict=True):
+                    heapq.heappush(waiting, (nearness, half))
+
+    def _own(self, key: int, eye: npt.ArrayLike, gaze: npt.ArrayLike) -> int:
+        """The image that serves a frame, of those that a group is divided into; painted if it is not and may be."""
         while not self.store.has(key):
-            note = self.notes.get(key)
-            if note is None or not note["divided"]:
-                if not self._on_demand:
-                    raise FileNotFoundError(f"image {index} is not painted yet: {self.store.path(key)} is not there")
-                # Painting takes all cores: one at a time.
-                with self._painting:
-                    self._settle(self._group(key), None)
+            if self._is_divided(key):
+                away, halves = self._halves(key, eye, gaze)
+                key = halves[int(away[1] < away[0])]
                 continue
-            here = place(eye, gaze, note["scale"])
-            nearer = int(np.linalg.norm(np.subtract(note["halves"], here), axis=1).argmin())
-            key = index + count * (2 * (key // count + 1) + nearer - 1)
-        return self.store.get(key)
+            if not self._on_demand:
+                index = key % len(self.plan.images)
+                raise FileNotFoundError(f"image {index} is not painted yet: {self.store.path(key)} is not there")
+            # Painting takes all cores: one at a time.
+            with self._painting:
+                self._settle(self._group(key), None)
+        return key
+
+    def _is_divided(self, key: int) -> bool:
+        note = self.notes.get(key)
+        return note is not None and bool(note["divided"])
+
+    def _halves(self, key: int, eye: npt.ArrayLike, gaze: npt.ArrayLike) -> tuple[list[float], list[int]]:
+        """How far a frame is from the halves of a group, and their keys."""
+        note = self.notes.get(key)
+        assert note is not None
+        away = np.linalg.norm(np.subtract(note["halves"], place(eye, gaze, note["scale"])), axis=1)
+        count = len(self.plan.images)
+        first = key % count + count * (2 * (key // count + 1) - 1)
+        return away.tolist(), [first, first + count]
 
     def _group(self, key: int) -> Group:
         count = len(self.plan.images)

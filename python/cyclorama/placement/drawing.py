@@ -7,9 +7,10 @@ culled cell may lie nearer than geometry beside it, and then it is right that it
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import Literal
+from itertools import islice
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -38,6 +39,10 @@ Splat = int | Literal["projected"]
 #: The ways to display an image (section 1.4.1).
 Display = Literal["ldi", "warp", "mesh", "quad", "geometry"]
 DISPLAYS: tuple[Display, ...] = ("ldi", "warp", "mesh", "quad", "geometry")
+
+# A frame is filled from so many layered images, while more than this share of what it asks of them is unknown: an eye
+# may look past the image of its group where few of those that the group is known by do.
+_MOST_LAYERED, _FEW_HOLES = 5, 0.002
 
 #: What `Drawn.layer` says of pixels that show geometry, or nothing.
 GEOMETRY = -1
@@ -173,7 +178,7 @@ class Pictures:
     color : callable
         Gives a view's colours.
     layered : callable
-        Gives the layered image of an index for an eye and a gaze.
+        Gives the layered images of an index for an eye and a gaze, the best first.
     foreground : Foreground, optional
         Draw of what an image stands for the nearest as geometry, as far as the budget goes.
     """
@@ -184,7 +189,7 @@ class Pictures:
         scene: Scene,
         size: tuple[int, int],
         color: Coloring,
-        layered: Callable[[int, npt.ArrayLike, npt.ArrayLike], LayeredDepthImage],
+        layered: Callable[[int, npt.ArrayLike, npt.ArrayLike], Iterator[LayeredDepthImage]],
         foreground: Foreground | None = None,
     ) -> None:
         self.plan, self.scene, self.size, self.color = plan, scene, size, color
@@ -266,7 +271,7 @@ def draw(
         start = time.perf_counter()
         small = camera if warp_size is None else camera.with_size(*warp_size)
         # What is not seen need not be warped.
-        wanted = within if warp_size is None else None
+        wanted = within if warp_size is None else within[_centers(within.shape, (small.height, small.width))]
         to = small.replace(near=near.depth)
         shown, count = _backdrop(pictures, index, to, display, splat, wanted, threads)
         samples += count
@@ -332,16 +337,12 @@ def _backdrop(
     camera: Camera,
     display: Display,
     splat: Splat | None,
-    wanted: Mask | None,
+    wanted: Mask,
     threads: int | None,
 ) -> tuple[Warped, int]:
     """What a camera sees of an image, and how many samples that is."""
     if display == "ldi":
-        # An eye and a gaze choose the group.
-        layered = pictures.layered(index, camera.eye, camera.world_to_camera[2, :3])
-        shape = splat or "projected"
-        where = wanted if shape == "projected" else None
-        return layered.warp(camera, splat=shape, where=where, threads=threads), layered.samples
+        return _layered(pictures, index, camera, splat or "projected", wanted, threads)
     central = pictures.central(index)
     if display == "warp":
         return forward(central, camera, splat=splat or 3, threads=threads), central.missing.size
@@ -349,6 +350,32 @@ def _backdrop(
         return forward(central, camera, splat="mesh", threads=threads), central.missing.size
     plane = ImagePlane.of(pictures.plan.images.corners[index], central.camera.eye)
     return _flat(central, plane, camera, display == "quad"), central.missing.size
+
+
+def _layered(
+    pictures: Pictures, index: int, camera: Camera, splat: Splat, wanted: Mask, threads: int | None
+) -> tuple[Warped, int]:
+    """What a camera sees of layered images: of others only what those before don't know."""
+    # An eye and a gaze choose the group.
+    shown, samples, unknown = None, 0, wanted
+    for layered in islice(pictures.layered(index, camera.eye, camera.world_to_camera[2, :3]), _MOST_LAYERED):
+        where = unknown if splat == "projected" else None
+        more = layered.warp(camera, splat=splat, where=where, threads=threads)
+        samples += layered.samples
+        if shown is None:
+            shown = more
+        else:
+            for into, known in zip(_arrays(shown), _arrays(more), strict=True):
+                into[unknown] = known[unknown]
+        unknown = shown.hole & wanted
+        if unknown.sum() <= _FEW_HOLES * wanted.sum():
+            break
+    assert shown is not None
+    return shown, samples
+
+
+def _arrays(warped: Warped) -> tuple[npt.NDArray[Any], ...]:
+    return warped.color, warped.depth, warped.hole, warped.exact, warped.source
 
 
 def _flat(image: DepthImage, plane: ImagePlane, camera: Camera, opaque: bool) -> Warped:
@@ -400,7 +427,12 @@ def _between(color: Bytes, u: Floats, v: Floats) -> Bytes:
 
 def _scaled(warped: Warped, camera: Camera) -> Warped:
     """A picture at another size: each pixel that of the small one which holds its centre, and its depth."""
-    rows = ((np.arange(camera.height) + 0.5) * warped.hole.shape[0] / camera.height).astype(np.int64)
-    columns = ((np.arange(camera.width) + 0.5) * warped.hole.shape[1] / camera.width).astype(np.int64)
-    at = np.ix_(rows, columns)
-    return Warped(warped.color[at], warped.depth[at], warped.hole[at], warped.exact[at], warped.source[at], camera)
+    at = _centers(warped.hole.shape, (camera.height, camera.width))
+    color, depth, hole, exact, source = (array[at] for array in _arrays(warped))
+    return Warped(color, depth, hole, exact, source, camera)
+
+
+def _centers(shape: tuple[int, ...], to: tuple[int, int]) -> tuple[npt.NDArray[np.int64], ...]:
+    """Where the centres of another size's pixels are in a picture."""
+    rows, columns = (((np.arange(n) + 0.5) * side / n).astype(np.int64) for n, side in zip(to, shape, strict=True))
+    return np.ix_(rows, columns)

@@ -101,6 +101,7 @@ def walk(
     displays: Sequence[Display] = DISPLAYS,
     size: tuple[int, int] = (510, 480),
     splat: Splat | None = None,
+    warp_size: tuple[int, int] | None = None,
     progress: Progress = None,
 ) -> list[Row]:
     """Draws the frames of a walk in several ways, and compares them with the true pictures.
@@ -115,6 +116,7 @@ def walk(
     size : (int, int)
         Of the pictures in pixels.
     splat : int or str, optional
+    warp_size : (int, int), optional
         As for `Backdrops.draw`.
     progress : bool or callable, optional
         One unit is a frame.
@@ -144,7 +146,7 @@ def walk(
             elapsed = 1e3 * (time.perf_counter() - start)
             mask, image = None, -1
             for display in displays:
-                drawn = backdrops.draw(eye, gaze, size, display=display, splat=splat)
+                drawn = backdrops.draw(eye, gaze, size, display=display, splat=splat, warp_size=warp_size)
                 if mask is None:
                     image = -1 if drawn.stats.image is None else drawn.stats.image
                     mask = _culled(backdrops, drawn, view.ids)
