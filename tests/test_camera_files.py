@@ -159,3 +159,59 @@ def test_what_such_files_cannot_say_or_we_cannot_do_is_refused(tmp_path):
         read_transforms(tmp_path / "t.json")
     with pytest.raises(FileNotFoundError, match=r"neither cameras\.bin"):
         read_colmap(tmp_path / "nowhere")
+
+
+def test_two_cameras_of_one_name_are_not_mistaken_for_one(tmp_path):
+    frame = {"file_path": "a", "transform_matrix": np.eye(4).tolist(), "w": 64, "h": 48, "fl_x": 50}
+    (tmp_path / "t.json").write_text(json.dumps({"frames": [frame, frame]}))
+    with pytest.raises(ValueError, match=r"frames\[1\]: another camera is named 'a', too"):
+        read_transforms(tmp_path / "t.json")
+    (tmp_path / "cameras.txt").write_text("1 SIMPLE_PINHOLE 64 48 50 32 24\n")
+    (tmp_path / "images.txt").write_text("1 1 0 0 0 0 0 4 1 a.png\n\n2 1 0 0 0 0 0 5 1 a.png\n\n")
+    with pytest.raises(ValueError, match=r"images\.txt: image a\.png: another camera"):
+        read_colmap(tmp_path)
+    # Names of nodes are for people: two may have the same.
+    lens = {"type": "perspective", "perspective": {"yfov": 1.0}}
+    nodes = [{"name": "a", "camera": 0, "translation": [k, 0, 0]} for k in range(2)]
+    (tmp_path / "t.gltf").write_text(json.dumps({"asset": {}, "cameras": [lens], "nodes": nodes}))
+    assert {name: camera.eye[0] for name, camera in read_gltf(tmp_path / "t.gltf").items()} == {"a": 0, "1": 1}
+
+
+@pytest.mark.parametrize(
+    "nodes, message",
+    [
+        ([{"camera": 0, "children": [1]}, {"children": [0]}], r"nodes\[0\]: its parents form a cycle, 0 in 1 in 0"),
+        ([{"camera": 0, "children": [0]}], r"nodes\[0\]: its parents form a cycle, 0 in 0"),
+        ([{"camera": 0}, 7], "nodes must be a list of objects"),
+        ({"camera": 0}, "nodes must be a list of objects"),
+        ([{"camera": 0, "children": 3}], "children of nodes must be lists of numbers"),
+        ([{"camera": 5}], r"nodes\[0\]"),
+        ([{"camera": 0, "scale": [0, 0, 0]}], r"nodes\[0\]"),
+        ([{"camera": 0, "rotation": [0, 0, 0, 0]}], r"nodes\[0\].*no rotation"),
+    ],
+)
+def test_nodes_that_are_no_tree_are_refused(nodes, message, tmp_path):
+    lens = {"type": "perspective", "perspective": {"yfov": 1.0}}
+    (tmp_path / "t.gltf").write_text(json.dumps({"asset": {}, "cameras": [lens], "nodes": nodes}))
+    with pytest.raises(ValueError, match=message):
+        read_gltf(tmp_path / "t.gltf")
+
+
+def test_what_is_wrong_with_a_camera_is_said_with_its_name(tmp_path):
+    (tmp_path / "t.json").write_text('{"frames": [5]}')
+    with pytest.raises(ValueError, match=r"frames\[0\]: it must be an object, got 5"):
+        read_transforms(tmp_path / "t.json")
+    (tmp_path / "cameras.txt").write_text("1 SIMPLE_PINHOLE 64 48 50 32 24\n")
+    (tmp_path / "images.txt").write_text("1 0 0 0 0 0 0 4 1 a.png\n\n")
+    with pytest.raises(ValueError, match=r"images\.txt: image a\.png: .*no rotation"):
+        read_colmap(tmp_path)
+    (tmp_path / "cameras.txt").write_text("1 OPENCV 64 48 50 50 32 24 0.1 0 0 0\n")
+    with pytest.raises(ValueError, match=r"cameras\.txt: camera 1 is OPENCV"):
+        read_colmap(tmp_path)
+    camera = cyc.Camera.look_at([0, 0, 5], [0, 0, 0])
+    for kind, (write, _, name) in WRITE_AND_READ.items():
+        path = tmp_path / kind / name if kind == "colmap" else tmp_path / name
+        with pytest.raises(ValueError, match="a mapping from names to cameras, got a list"):
+            write(path, [camera])
+        with pytest.raises(ValueError, match=r"cameras\['a'\] must be a Camera, got a str"):
+            write(path, {"a": "camera"})

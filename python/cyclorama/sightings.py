@@ -135,7 +135,7 @@ class NextView:
 
 
 def sightings(
-    scene: Scene, cameras: Sequence[Camera], *, threads: int | None = None, progress: Progress = None
+    scene: Scene, cameras: Camera | Sequence[Camera], *, threads: int | None = None, progress: Progress = None
 ) -> Sightings:
     """Counts the pixels of each face in each view.
 
@@ -143,7 +143,7 @@ def sightings(
     ----------
     scene : Scene
         F faces.
-    cameras : sequence of V Camera
+    cameras : Camera or sequence of V Camera
     threads : int, optional
         All cores by default.
     progress : bool, callable or None
@@ -166,8 +166,9 @@ def sightings(
     """
     counted: list[tuple[Ints, Ints]] = []
     view: View | None = None
-    with reporter(progress, len(cameras), "views") as report:
-        for camera in cameras:
+    views = [cameras] if isinstance(cameras, Camera) else list(cameras)
+    with reporter(progress, len(views), "views") as report:
+        for camera in views:
             fits = view is not None and view.ids.shape == (camera.height, camera.width)
             view = scene.render(camera, out=view if fits else None, threads=threads)
             counts = np.bincount(view.ids[view.ids != BACKGROUND], minlength=len(scene))
@@ -228,8 +229,8 @@ def next_best(
     >>> [view.view for view in next_best(ball, around, count=2, progress=False)]
     [0, 2]
     """
-    if count < 1:
-        raise ValueError(f"count must be at least 1, got {count}")
+    if count < 1 or count != int(count):
+        raise ValueError(f"count must be a whole number of at least 1, got {count}")
     worth = _worth(scene, weight)
     if not isinstance(candidates, Bitfields):
         candidates = scene.visible(candidates, threads=threads, progress=progress)

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..camera import Camera
 from ..files import whole_file
-from .pose import Floats, intrinsics, pinhole, quaternion, rotation
+from .pose import Floats, add, intrinsics, named, pinhole, quaternion, rotation
 
 __all__ = ["read_colmap", "write_colmap"]
 
@@ -20,6 +20,10 @@ PathLike = str | os.PathLike[str]
 
 #: Camera models without distortion, by their number in binary files, and how many parameters each has.
 _COLMAP_MODELS = {0: ("SIMPLE_PINHOLE", 3), 1: ("PINHOLE", 4)}
+
+
+class _Distorted(ValueError):
+    """A camera that is read well, and bends lines."""
 
 
 def read_colmap(folder: PathLike) -> dict[str, Camera]:
@@ -40,7 +44,7 @@ def read_colmap(folder: PathLike) -> dict[str, Camera]:
     FileNotFoundError
         If the folder holds neither pair.
     ValueError
-        If a file is cut off or wrong, or a camera has distortion.
+        If a file is cut off or wrong, two images have one name, or a camera has distortion.
 
     Examples
     --------
@@ -56,7 +60,7 @@ def read_colmap(folder: PathLike) -> dict[str, Camera]:
         if lenses_path.exists() and images_path.exists():
             lenses = _read(lenses_path, lambda file, of=cameras_of: dict(of(file)))  # type: ignore[misc]
             images = _read(images_path, lambda file, of=images_of: list(of(file)))  # type: ignore[misc]
-            return dict(_posed(images_path, lenses, images))
+            return _posed(images_path, lenses, images)
     raise FileNotFoundError(f"{folder}: holds neither cameras.bin and images.bin nor cameras.txt and images.txt")
 
 
@@ -73,14 +77,14 @@ def write_colmap(folder: PathLike, cameras: Mapping[str, Camera]) -> None:
     Raises
     ------
     ValueError
-        If a camera is orthographic or skewed, or a name has a space or is empty.
+        If they have no names, a camera is orthographic or skewed, or a name has a space or is empty.
     OSError
         If the folder can't be written to.
     """
     folder = Path(folder)
     lenses: dict[str, int] = {}
     images = []
-    for index, (name, camera) in enumerate(cameras.items(), 1):
+    for index, (name, camera) in enumerate(named(cameras).items(), 1):
         if not name or any(c.isspace() for c in name):
             raise ValueError(f"{name!r} is no name for an image: COLMAP's text files end names at spaces")
         fx, fy, cx, cy = pinhole(name, camera)
@@ -102,20 +106,27 @@ def write_colmap(folder: PathLike, cameras: Mapping[str, Camera]) -> None:
 
 def _posed(
     path: Path, lenses: dict[int, tuple[int, int, Floats]], images: list[tuple[str, int, Floats]]
-) -> Iterator[tuple[str, Camera]]:
+) -> dict[str, Camera]:
+    cameras: dict[str, Camera] = {}
     for name, lens, pose in images:
         if lens not in lenses:
             raise ValueError(f"{path}: image {name} has camera {lens}, which cameras do not name")
         width, height, (fx, fy, cx, cy) = lenses[lens]
         world_to_camera = np.eye(4)
-        world_to_camera[:3, :3], world_to_camera[:3, 3] = rotation(pose[:4]), pose[4:]
-        yield name, Camera(intrinsics(fx, fy, cx, cy), world_to_camera, width, height)
+        try:
+            world_to_camera[:3, :3], world_to_camera[:3, 3] = rotation(pose[:4]), pose[4:]
+            add(cameras, name, Camera(intrinsics(fx, fy, cx, cy), world_to_camera, width, height))
+        except ValueError as error:
+            raise ValueError(f"{path}: image {name}: {error}") from error
+    return cameras
 
 
 def _read(path: Path, read: Callable[[IO[bytes]], Any]) -> Any:
     try:
         with path.open("rb") as file:
             return read(file)
+    except _Distorted as error:
+        raise ValueError(f"{path}: {error}") from error
     except (ValueError, IndexError, struct.error) as error:
         raise ValueError(f"{path}: not a readable COLMAP file, or cut off: {error}") from error
 
@@ -148,7 +159,7 @@ def _binary_cameras(file: IO[bytes]) -> Iterator[tuple[int, tuple[int, int, Floa
     for _ in range(_unpack(file, "<Q")[0]):
         number, model, width, height = _unpack(file, "<iiQQ")
         if model not in _COLMAP_MODELS:
-            raise ValueError(f"camera {number} has model {model}, which has distortion: undistort the images first")
+            raise _Distorted(f"camera {number} has model {model}, which has distortion: undistort the images first")
         name, count = _COLMAP_MODELS[model]
         yield number, _lens(number, name, width, height, np.array(_unpack(file, f"<{count}d")))
 
@@ -172,7 +183,7 @@ def _unpack(file: IO[bytes], shape: str) -> tuple[Any, ...]:
 def _lens(number: int, model: str, width: int, height: int, parameters: Floats) -> tuple[int, int, Floats]:
     counts = dict(_COLMAP_MODELS.values())
     if model not in counts:
-        raise ValueError(f"camera {number} is {model}, which has distortion: undistort the images first")
+        raise _Distorted(f"camera {number} is {model}, which has distortion: undistort the images first")
     if len(parameters) != counts[model]:
         raise ValueError(f"camera {number} is {model} with {counts[model]} parameters, got {len(parameters)}")
     return width, height, parameters if model == "PINHOLE" else parameters[[0, 0, 1, 2]]

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..camera import Camera
 from ..files import whole_file
-from .pose import FLIP, Floats, intrinsics, parse_json, pinhole, rotation
+from .pose import FLIP, Floats, intrinsics, named, parse_json, pinhole, rotation
 
 __all__ = ["read_gltf", "write_gltf"]
 
@@ -32,12 +32,13 @@ def read_gltf(path: PathLike, height: int = 480) -> dict[str, Camera]:
     Returns
     -------
     dict of str to Camera
-        By the name of the node, or its number. A camera without an aspect ratio gets 4:3.
+        By the name of the node, or its number where it has none or an earlier one has the same. A camera without an
+        aspect ratio gets 4:3.
 
     Raises
     ------
     ValueError
-        If the file is no glTF, or a node with a camera is scaled or sheared.
+        If the file is no glTF, a node with a camera is scaled or sheared, or nodes form a cycle.
 
     Examples
     --------
@@ -49,8 +50,11 @@ def read_gltf(path: PathLike, height: int = 480) -> dict[str, Camera]:
     """
     path = Path(path)
     whole = _gltf(path)
-    nodes, cameras = whole.get("nodes", []), {}
-    above = {child: index for index, node in enumerate(nodes) for child in node.get("children", [])}
+    nodes, cameras = _objects(path, whole, "nodes"), dict[str, Camera]()
+    try:
+        above = {child: index for index, node in enumerate(nodes) for child in node.get("children", [])}
+    except TypeError as error:
+        raise ValueError(f"{path}: children of nodes must be lists of numbers: {error}") from error
     for index, node in enumerate(nodes):
         if "camera" not in node:
             continue
@@ -58,7 +62,9 @@ def read_gltf(path: PathLike, height: int = 480) -> dict[str, Camera]:
             lens = whole["cameras"][node["camera"]]
             if lens.get("type") != "perspective":
                 continue
-            cameras[str(node.get("name", index))] = _gltf_camera(lens, _placed(nodes, above, index), height)
+            name = str(node.get("name", index))
+            name = str(index) if name in cameras else name
+            cameras[name] = _gltf_camera(lens, _placed(nodes, above, index), height)
         except (KeyError, IndexError, TypeError, ValueError) as error:
             raise ValueError(f"{path}: nodes[{index}]: {error}") from error
     return cameras
@@ -78,13 +84,13 @@ def write_gltf(path: PathLike, cameras: Mapping[str, Camera]) -> None:
     Raises
     ------
     ValueError
-        If a camera is something else, which glTF can't say.
+        If they have no names, or a camera is something else, which glTF can't say.
     OSError
         If the file can't be written.
     """
     nodes: list[dict[str, Any]] = []
     lenses: list[dict[str, Any]] = []
-    for name, camera in cameras.items():
+    for name, camera in named(cameras).items():
         fx, fy, cx, cy = pinhole(name, camera)
         width, height = camera.width, camera.height
         off = max(abs(cx - width / 2), abs(cy - height / 2), abs(fx / fy - 1) * height)
@@ -121,10 +127,21 @@ def _gltf(path: Path) -> dict[str, Any]:
 
 def _placed(nodes: list[dict[str, Any]], above: dict[int, int], index: int | None) -> Floats:
     pose: Floats = np.eye(4)
+    passed: list[int] = []
     while index is not None:
+        if index in passed:
+            raise ValueError(f"its parents form a cycle, {' in '.join(map(str, passed))} in {index}")
+        passed.append(index)
         pose = _local(nodes[index]) @ pose
         index = above.get(index)
     return pose
+
+
+def _objects(path: Path, whole: dict[str, Any], name: str) -> list[dict[str, Any]]:
+    found = whole.get(name, [])
+    if not isinstance(found, list) or not all(isinstance(entry, dict) for entry in found):
+        raise ValueError(f"{path}: {name} must be a list of objects")
+    return found
 
 
 def _local(node: dict[str, Any]) -> Floats:

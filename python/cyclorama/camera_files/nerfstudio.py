@@ -13,7 +13,7 @@ import numpy as np
 
 from ..camera import Camera
 from ..files import whole_file
-from .pose import FLIP, intrinsics, pinhole, read_json
+from .pose import FLIP, add, intrinsics, named, pinhole, read_json
 
 __all__ = ["read_transforms", "write_transforms"]
 
@@ -38,7 +38,8 @@ def read_transforms(path: PathLike) -> dict[str, Camera]:
     Raises
     ------
     ValueError
-        If it is none, a value is missing, or a camera has distortion. The message names the frame.
+        If it is none, a value is missing, two frames have one name, or a camera has distortion. The message names the
+        frame.
 
     Examples
     --------
@@ -52,12 +53,13 @@ def read_transforms(path: PathLike) -> dict[str, Camera]:
     frames = whole.get("frames")
     if not isinstance(frames, list):
         raise ValueError(f"{path}: has no list of frames, so it is no transforms.json")
-    cameras = {}
+    cameras: dict[str, Camera] = {}
     for index, frame in enumerate(frames):
         try:
-            name = str(frame.get("file_path", index))
-            cameras[name] = _transform(whole | frame)
-        except (AttributeError, TypeError, ValueError, KeyError) as error:
+            if not isinstance(frame, dict):
+                raise ValueError(f"it must be an object, got {frame!r}")
+            add(cameras, str(frame.get("file_path", index)), _transform(whole | frame))
+        except (TypeError, ValueError, KeyError) as error:
             said = f"it has no {error}" if isinstance(error, KeyError) else str(error)
             raise ValueError(f"{path}: frames[{index}]: {said}") from error
     return cameras
@@ -75,12 +77,12 @@ def write_transforms(path: PathLike, cameras: Mapping[str, Camera]) -> None:
     Raises
     ------
     ValueError
-        If a camera is orthographic or skewed.
+        If they have no names, or a camera is orthographic or skewed.
     OSError
         If the file can't be written.
     """
     frames = []
-    for name, camera in cameras.items():
+    for name, camera in named(cameras).items():
         fx, fy, cx, cy = pinhole(name, camera)
         frames.append(
             {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ import numpy.typing as npt
 
 from ..camera import Camera
 
-__all__ = ["FLIP", "intrinsics", "parse_json", "pinhole", "quaternion", "read_json", "rotation"]
+__all__ = ["FLIP", "add", "intrinsics", "named", "parse_json", "pinhole", "quaternion", "read_json", "rotation"]
 
 Floats = npt.NDArray[np.float64]
 
@@ -36,6 +37,29 @@ def parse_json(path: Path, raw: bytes) -> dict[str, Any]:
     if not isinstance(whole, dict):
         raise ValueError(f"{path}: holds a {type(whole).__name__}, not an object")
     return whole
+
+
+def named(cameras: Mapping[str, Camera]) -> dict[str, Camera]:
+    """The cameras to be written, by their names.
+
+    Raises
+    ------
+    ValueError
+        If they have no names, or one is no camera.
+    """
+    if not isinstance(cameras, Mapping):
+        raise ValueError(f"cameras must be a mapping from names to cameras, got a {type(cameras).__name__}")
+    for name, camera in cameras.items():
+        if not isinstance(camera, Camera):
+            raise ValueError(f"cameras[{name!r}] must be a Camera, got a {type(camera).__name__}")
+    return dict(cameras)
+
+
+def add(cameras: dict[str, Camera], name: str, camera: Camera) -> None:
+    """Adds a camera that was read; a ValueError if another one has its name."""
+    if name in cameras:
+        raise ValueError(f"another camera is named {name!r}, too")
+    cameras[name] = camera
 
 
 def pinhole(name: str, camera: Camera) -> tuple[float, float, float, float]:
