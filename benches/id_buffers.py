@@ -21,7 +21,6 @@ caches, as images do, costs less than that. The last columns are shares of the t
 from __future__ import annotations
 
 import functools
-import time
 from collections.abc import Callable
 from importlib import metadata
 from typing import Any
@@ -79,9 +78,7 @@ def jobs_of(setting: bench.Setting) -> tuple[dict[str, tuple[int, Job]], dict[st
             for title, lanes, threads in (("emb16", 16, bench.cores()), ("emb16 1", 16, 1), ("emb 1", 1, 1)):
                 jobs[title] = len(cameras), functools.partial(rival.draw, lanes, threads)
         else:
-            start = time.perf_counter()
-            rival.rows(few[:1])
-            slow = time.perf_counter() - start > SLOW
+            slow = lab.elapsed(functools.partial(rival.rows, few[:1]))[1] > SLOW
             if slow:
                 notes[f"{name}, {setting.name}"] = f"more than {SLOW} s a view, so one view only"
             some = few[:1] if slow else few

@@ -45,15 +45,10 @@ def test_a_kernel_uses_only_what_lies_below_it(path):
     assert not re.search(r"\b(pyo3|numpy)::", text)
 
 
-#: It stops what has become too slow to be timed again.
-KEEPS_TIME = {"id_buffers.py"}
-
-
 def test_benches_and_notebooks_are_timed_by_the_laboratory_alone():
     scripts = [*(HOUSE / "benches").glob("*.py"), *(HOUSE / "notebooks").glob("*.ipynb")]
     clocks = re.compile(r"\b(perf_counter|process_time|monotonic|thread_time|time)(_ns)?\(\)|\btimeit\b")
-    found = {path.name for path in scripts if clocks.search(path.read_text(encoding="utf-8"))}
-    assert found <= KEEPS_TIME
+    assert [path.name for path in scripts if clocks.search(path.read_text(encoding="utf-8"))] == []
 
 
 def test_the_document_names_every_module():
