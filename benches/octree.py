@@ -6,8 +6,8 @@ The path is closed and lies inside the scene's box: the middle, and on each axis
 with seeded phases and amplitudes that add up to 0.8 of half the box. The eye looks where it goes, level at most 30
 degrees up or down, with a field of 60 x 46.8 degrees. Every 20 frames a new image is taken, from where the eye then is
 along its gaze there: a rectangle over 0.7 of the field each way, at half the scene's radius. It stands still while the
-eye goes on, and tiles what the eye sees (figure 7-1) as long as its corners are in front of the eye; else the frame is
-culled to the frustum alone.
+eye goes on, and tiles what the eye sees (figure 7-1) as long as its corners are in front of the eye, and the eye before
+its plane; else the frame is culled to the frustum alone.
 
 The dissertation's machine room drew 60 % of what conventional culling drew.
 """
@@ -66,7 +66,9 @@ def figure(name: str, scene: cyc.Scene, options: object) -> list[dict]:
     for number, camera in enumerate(walk(scene, frames, seed, UP.get(name, (0, 1, 0)))):
         if number % SERVES == 0:
             corners = image_of(camera, DISTANCE * scene.radius)
-        ahead = ((corners - camera.eye) @ camera.forward > 0).all()
+            gaze = camera.forward
+        # Its corners in front of the eye, and the eye before its plane: else nothing of it is seen, or its back.
+        ahead = ((corners - camera.eye) @ camera.forward > 0).all() and (corners[0] - camera.eye) @ gaze > 0
         regions = octree.tiles(camera, corners) if ahead else [camera]
         tiled += ahead
         counts["frustum alone"].append(conventional.cull(camera, out=room).drawn)
