@@ -73,6 +73,14 @@ def test_a_truncated_file_is_refused(tmp_path: Path, share: float):
         cyc.Visibility.load(tmp_path / "cut.npz")
 
 
+def test_a_mesh_is_said_to_be_no_archive(tmp_path):
+    for text in ("v 0 0 0\n", ""):
+        path = tmp_path / "one.obj"
+        path.write_text(text)
+        with pytest.raises(ValueError, match=r"one\.obj is not a whole visibility file: it is no \.npz archive"):
+            cyc.Visibility.load(path)
+
+
 def test_a_damaged_file_is_refused_or_unchanged(tmp_path: Path):
     bake().save(tmp_path / "bake.npz")
     whole = bytearray((tmp_path / "bake.npz").read_bytes())

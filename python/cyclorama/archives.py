@@ -97,6 +97,9 @@ def read_archive(path: str | os.PathLike[str], format: str, what: str) -> Iterat
     is not a whole list of letters: its format is 'numbers 1', not 'letters 1'
     """
     try:
+        with open(path, "rb") as raw:
+            if raw.read(2) != b"PK":
+                raise ValueError("it is no .npz archive")
         with np.load(path, allow_pickle=False) as file:
             header = json.loads(str(file["header"][()]))
             check_format(header, format)
