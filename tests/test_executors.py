@@ -5,6 +5,8 @@ import os
 import pickle
 import re
 import signal
+import threading
+import time
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from pathlib import Path
 
@@ -76,10 +78,68 @@ def test_no_more_tasks_wait_than_memory_is_for():
             yield (index,)
 
     with ThreadPoolExecutor(2) as pool:
-        for taken, result in enumerate(executors.Team(pool, 10).run(divmod, ((k + 1,) for (k,) in count()))):
+        found = executors.Team(pool, 10).run(divmod, ((k + 1,) for (k,) in count()))
+        for taken, (place, result) in enumerate(found):
             most = max(most, begun - taken)
-            assert result == divmod(10, taken + 1)
+            assert result == divmod(10, place + 1)
     assert most <= executors.AHEAD
+
+
+def waited(gate, place):
+    if place == 0:
+        assert gate.wait(60)
+    return place
+
+
+def test_a_slow_task_holds_back_none_of_the_others():
+    gate, came = threading.Event(), []
+    with ThreadPoolExecutor(2) as pool:
+        for place, result in executors.Team(pool, gate).run(waited, ((k,) for k in range(50))):
+            assert place == result
+            came.append(place)
+            if len(came) == 49:
+                gate.set()
+    assert sorted(came) == list(range(50))
+    assert came[-1] == 0
+
+
+class Uneven(ThreadPoolExecutor):
+    """Threads that take their time over every fifth task, so that later ones end before it."""
+
+    submitted = 0
+
+    def submit(self, function, /, *arguments):
+        self.submitted += 1
+        return super().submit(late, 0.2 if self.submitted % 5 == 1 else 0.0, function, *arguments)
+
+
+def late(seconds, function, *arguments):
+    time.sleep(seconds)
+    return function(*arguments)
+
+
+def test_bakes_and_boxes_have_the_same_bits_in_whatever_order_results_come(scene, alone, monkeypatch):
+    came = []
+    run = executors.Team.run
+
+    def noted(self, function, tasks):
+        places = []
+        came.append(places)
+        for place, result in run(self, function, tasks):
+            places.append(place)
+            yield place, result
+
+    monkeypatch.setattr(executors.Team, "run", noted)
+    boxes = cyc.scenes.pipes(2000)
+    monkeypatch.setitem(search._SIGHT, "resolution", 16)
+    monkeypatch.setitem(search._SIGHT, "max_eyes", 2)
+    options = {"budget": 1500, "visibility": 2, "leaf_depth": 3, "progress": False}
+    here = cyc.place_images(boxes, **options)
+    with Uneven(3) as pool:
+        same(cyc.bake(scene, **BAKE, executor=pool), alone)
+        assert any(places != sorted(places) for places in came)
+        there = cyc.place_images(boxes, **options, executor=pool)
+    np.testing.assert_array_equal(there.sight.visible, here.sight.visible)
 
 
 def held(value, _):
@@ -92,12 +152,12 @@ def held(value, _):
 def test_a_worker_holds_what_the_tasks_share_once_and_drops_it_for_the_next():
     scene, another = np.ones(2_500_000), np.zeros(2_500_000)
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
-        rest = list(executors.Team(pool, 0).run(held, [(0,)]))[-1]
-        peaks = [list(executors.Team(pool, value).run(held, zip(range(12)))) for value in (scene, another)]
+        rest = dict(executors.Team(pool, 0).run(held, [(0,)]))[0]
+        peaks = [dict(executors.Team(pool, value).run(held, zip(range(12)))) for value in (scene, another)]
     # The value, its pickle, which is kept to be sent on, and that of a task on its way in; for a while beside these an
     # older value and its pickle.
-    assert rest + 2 * scene.nbytes < peaks[0][-1] < rest + 4 * scene.nbytes
-    assert peaks[1][-1] < rest + 5.5 * scene.nbytes
+    assert rest + 2 * scene.nbytes < peaks[0][11] < rest + 4 * scene.nbytes
+    assert peaks[1][11] < rest + 5.5 * scene.nbytes
 
 
 def test_a_task_that_fails_ends_the_work_and_says_why():

@@ -1,12 +1,13 @@
 """Work done elsewhere: by any executor in the style of `concurrent.futures`, on this machine or on many.
 
-An executor has ``submit(function, *arguments)``, which gives a future with ``result()`` and ``cancel()``: a thread or
-process pool, a Dask `Client` or what its ``get_executor()`` gives. What all tasks need, the scene, is sent along with
-each and unpacked once in each process; an executor that has ``scatter``, as a Dask client, gets it once a worker.
+An executor has ``submit(function, *arguments)``, which gives a future with ``result()``, ``cancel()`` and
+``add_done_callback()``: a thread or process pool, a Dask `Client` or what its ``get_executor()`` gives. What all tasks
+need, the scene, is sent along with each and unpacked once in each process; an executor that has ``scatter``, as a Dask
+client, gets it once a worker.
 
-Tasks are pure functions of their arguments, and results are taken in the order of the tasks: so the answer has the same
-bits whoever works it out, however often a task is begun again elsewhere because its worker died. No more than `AHEAD`
-tasks are under way or wait to be taken: that bounds what lies in memory.
+Tasks are pure functions of their arguments, and each result goes to the place of its task as it comes: so the answer
+has the same bits whoever works it out, in whatever order, however often a task is begun again elsewhere because its
+worker died. No more than `AHEAD` tasks are under way or wait to be taken: that bounds what lies in memory.
 """
 
 from __future__ import annotations
@@ -14,8 +15,8 @@ from __future__ import annotations
 import pickle
 import threading
 import uuid
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator
+from queue import SimpleQueue
 from typing import Any, Protocol, runtime_checkable
 
 __all__ = ["AHEAD", "Executor", "Shared", "Team"]
@@ -98,8 +99,8 @@ class Team:
     --------
     >>> from concurrent.futures import ThreadPoolExecutor
     >>> with ThreadPoolExecutor(2) as pool:
-    ...     list(Team(pool, 2).run(pow, [(k,) for k in range(5)]))
-    [1, 2, 4, 8, 16]
+    ...     sorted(Team(pool, 2).run(pow, [(k,) for k in range(5)]))
+    [(0, 1), (1, 2), (2, 4), (3, 8), (4, 16)]
     """
 
     def __init__(self, executor: Executor, value: Any) -> None:
@@ -112,8 +113,8 @@ class Team:
         if isinstance(executor, Scatters):
             self._shared = executor.scatter(self._shared, broadcast=True, hash=False)
 
-    def run(self, function: Callable[..., Any], tasks: Iterable[tuple[Any, ...]]) -> Iterator[Any]:
-        """The results of ``function(value, *task)`` for each task, in their order.
+    def run(self, function: Callable[..., Any], tasks: Iterable[tuple[Any, ...]]) -> Iterator[tuple[int, Any]]:
+        """The result of ``function(value, *task)`` for each task, with its place among them, as they come.
 
         Parameters
         ----------
@@ -127,17 +128,21 @@ class Team:
         Exception
             What a task or the executor raised, a pool whose process died for example; what is under way is cancelled.
         """
-        waiting: deque[Any] = deque()
-        left = iter(tasks)
+        under_way: dict[int, Any] = {}
+        finished: SimpleQueue[int] = SimpleQueue()
+        left = enumerate(tasks)
         try:
             while True:
-                while len(waiting) < AHEAD and (task := next(left, None)) is not None:
-                    waiting.append(self._executor.submit(_call, function, self._shared, *task))
-                if not waiting:
+                while len(under_way) < AHEAD and (following := next(left, None)) is not None:
+                    place, task = following
+                    under_way[place] = self._executor.submit(_call, function, self._shared, *task)
+                    under_way[place].add_done_callback(lambda _, place=place: finished.put(place))
+                if not under_way:
                     return
-                yield waiting.popleft().result()
+                place = finished.get()
+                yield place, under_way.pop(place).result()
         finally:
-            for future in waiting:
+            for future in under_way.values():
                 future.cancel()
 
 

@@ -89,8 +89,8 @@ class Looker:
         words = np.empty((len(cameras), self.width), dtype=np.uint64)
         parts = self._parts(len(cameras))
         tasks = ((cameras[part], self.fill, self.threads or 1) for part in parts)
-        for part, rows in zip(parts, self.team.run(_see, tasks), strict=True):
-            words[part] = rows
+        for place, rows in self.team.run(_see, tasks):
+            words[parts[place]] = rows
             self.done += len(rows)
             self.report(self.done)
         return words
@@ -158,8 +158,8 @@ class Looker:
                 own, within = np.unique(row_of[part], return_inverse=True)
                 yield directions[part], rows[own], within.astype(np.int64), *how
 
-        for part, (found, lacking) in zip(parts, self.team.run(_probe, tasks()), strict=True):
-            seen[part], missed[part] = found, lacking
+        for place, (found, lacking) in self.team.run(_probe, tasks()):
+            seen[parts[place]], missed[parts[place]] = found, lacking
             self.done += len(lacking)
             self.report(self.done)
         return seen, missed

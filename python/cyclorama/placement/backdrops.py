@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import heapq
+import itertools
 import math
 import os
 import threading
@@ -346,7 +347,7 @@ class Backdrops:
     def _paint_elsewhere(self, team: Team, todo: list[int], report: Callable[[int], object]) -> None:
         keys = deque(key for index in todo for key in self.store.missing(self.leaves(index)))
         left = Counter(key % len(self.plan.images) for key in keys)
-        under_way: deque[Group] = deque()
+        under_way: dict[int, Group] = {}
 
         def conclude(group: Group, painted: Painted | None) -> None:
             halves = self._conclude(group, painted)
@@ -355,10 +356,11 @@ class Backdrops:
             report(sum(1 for index in todo if left[index] == 0))
 
         def following() -> Iterator[tuple[Group]]:
+            numbers = itertools.count()
             while keys:
                 group = self._group(keys.popleft())
                 if self._is_small(group):
-                    under_way.append(group)
+                    under_way[next(numbers)] = group
                     yield (group,)
                 else:
                     conclude(group, None)
@@ -366,8 +368,8 @@ class Backdrops:
         report(0)
         # The last results may bring more.
         while keys:
-            for painted in team.run(_paint, following()):
-                conclude(under_way.popleft(), painted)
+            for number, painted in team.run(_paint, following()):
+                conclude(under_way.pop(number), painted)
 
     def prefetch(self, eye: npt.ArrayLike) -> None:
         """Loads the images used nearest to an eye, on a background thread, as many as memory holds.

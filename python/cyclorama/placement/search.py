@@ -382,7 +382,7 @@ def _sight(
         if team is None:
             seen = [_seen_from(scene, *box, threads) for box in boxes]
         else:
-            seen = list(team.run(_seen_from, ((*box, threads or 1) for box in boxes)))
+            seen = [ids for _, ids in sorted(team.run(_seen_from, ((*box, threads or 1) for box in boxes)))]
         found = [(*box, ids) for box, ids in zip(boxes, seen, strict=True)]
     else:
         found = list(visibility)
