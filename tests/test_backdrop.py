@@ -126,6 +126,18 @@ def test_a_backdrop_before_everything_and_one_behind_everything(scene: cyc.Scene
     assert before.draw(camera).faces < len(scene)
 
 
+def test_an_image_that_hides_less_than_the_cuts_add_is_not_used() -> None:
+    house = cyc.scenes.house(rooms=2)
+    eye = (house.cells[0]["min"] + house.cells[0]["max"]) / 2
+    here, there = (cyc.Camera.look_at(eye + [x, 0, 0], eye + [x + 1, 0, 1], width=160, height=120) for x in (0.0, 0.1))
+    drop = backdrop(house, here, 2.0)
+    assert drop.saved < 0 and len(drop.near) < len(house)
+    drawn, plain = drop.draw(there), house.render(there)
+    assert drawn.faces == len(house)
+    np.testing.assert_array_equal(drawn.ids, plain.ids)
+    assert set(np.unique(drawn.layer)) <= {NOTHING, NEAR}
+
+
 @pytest.mark.parametrize("by", ["faces", "vertices"])
 def test_colors_stay_with_what_is_cut(by: str) -> None:
     plain = cyc.scenes.pipes(3_000)
@@ -248,11 +260,13 @@ def test_backdrops_that_cannot_be_shown_together_are_refused() -> None:
 
 def test_two_backdrops_back_to_back_show_what_each_shows_alone() -> None:
     """A wall ahead, one behind, and a post before each; every pixel that one picture stands for is that picture's."""
-    wall = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], dtype=float)
+    x, y = (axis.ravel() for axis in np.meshgrid(np.linspace(-1, 1, 9), np.linspace(-1, 1, 9)))
+    wall = np.column_stack([x, y, np.zeros(81)])
+    low = (np.arange(8) + 9 * np.arange(8)[:, None]).ravel()
+    faces = np.concatenate([np.column_stack([low, low + 1, low + 10]), np.column_stack([low, low + 10, low + 9])])
     parts = [wall - (0, 0, 5), wall + (0, 0, 5), 0.1 * wall - (0, 0, 2), 0.1 * wall + (0, 0, 2)]
-    faces = np.array([[0, 1, 2], [0, 2, 3]])
-    colors = np.repeat([[200, 0, 0], [0, 200, 0], [0, 0, 200], [200, 200, 0]], 2, axis=0).astype(np.uint8)
-    walls = cyc.Scene(np.concatenate(parts), np.concatenate([faces + 4 * k for k in range(4)]), colors)
+    colors = np.repeat([[200, 0, 0], [0, 200, 0], [0, 0, 200], [200, 200, 0]], 128, axis=0).astype(np.uint8)
+    walls = cyc.Scene(np.concatenate(parts), np.concatenate([faces + 81 * k for k in range(4)]), colors)
 
     def looking(z: float) -> cyc.Camera:
         return cyc.Camera.look_at((0.05, 0, 0.3), (0, 0, z), fov_y=30, width=48, height=48)

@@ -77,6 +77,13 @@ class Composed:
         canvas = Canvas.empty(camera.height, camera.width, NOTHING)
         return cls(canvas.color, canvas.depth, canvas.ids, canvas.layer, 0, camera)
 
+    @classmethod
+    def plain(cls, scene: Scene, camera: Camera) -> Composed:
+        """A scene as it is."""
+        view = scene.render(camera)
+        layer = np.where(view.ids == BACKGROUND, NOTHING, NEAR).astype(np.int32)
+        return cls(view.color, view.depth, view.ids, layer, len(scene), camera)
+
     @property
     def canvas(self) -> Canvas:
         """The picture, to lay something over it."""
@@ -215,6 +222,9 @@ class Backdrop:
         The scene on both sides of it.
     near, image, surrounding : (K,) ndarray of uint32
         Faces of the scene that have a part in each; one that is cut, or crosses the border, is in several.
+    saved : int
+        How many faces fewer than the scene has are drawn with the image. None are, or less than none, where the image
+        hides no more than the cuts add: then `draw` shows the scene as it is.
 
     Raises
     ------
@@ -258,6 +268,11 @@ class Backdrop:
     def surrounding(self) -> Ids:
         return _faces(self.part.beyond, self.part.beside)
 
+    @property
+    def saved(self) -> int:
+        near = 0 if self.part.near is None else len(self.part.near.faces)
+        return len(self.scene) - near - len(self.part.beside)
+
     def draw(self, camera: Camera, *, share: float = 1.0) -> Composed:
         """The scene with the backdrop, as another camera sees it.
 
@@ -285,6 +300,8 @@ class Backdrop:
         if not 0.0 <= share <= 1.0:
             raise ValueError(f"share must lie in [0, 1], got {share}")
         self.plane.distance(camera.eye)
+        if self.saved <= 0:
+            return Composed.plain(self.scene, camera)
         out = Composed.empty(camera)
         out.faces = self.part.draw(out, camera.eye + share * (self.plane.eye - camera.eye), share == 1.0)
         return out
@@ -376,6 +393,11 @@ class Backdrops:
     backdrops : sequence of Backdrop
         At least one; for several of one viewpoint, side by side, see `cyclorama.strip.Strip`.
 
+    Attributes
+    ----------
+    saved : int
+        As of a `Backdrop`: where it isn't positive, `draw` shows the scene as it is.
+
     Raises
     ------
     ValueError
@@ -416,6 +438,11 @@ class Backdrops:
                 near = cut(near.scene, near.faces, -plane.normal, -plane.offset, _ON_PLANE * plane.height)
         self._near = near
 
+    @property
+    def saved(self) -> int:
+        near = 0 if self._near is None else len(self._near.faces)
+        return len(self.backdrops[0].scene) - near - sum(len(drop.part.beside) for drop in self.backdrops)
+
     def draw(self, camera: Camera) -> Composed:
         """The scene with all of them, as a camera sees it.
 
@@ -433,9 +460,11 @@ class Backdrops:
         ValueError
             If the eye is not in front of a plane, or the camera is orthographic.
         """
-        out = Composed.empty(camera)
         for drop in self.backdrops:
             drop.plane.distance(camera.eye)
+        if self.saved <= 0:
+            return Composed.plain(self.backdrops[0].scene, camera)
+        out = Composed.empty(camera)
         if self._near is not None:
             out.faces += Part.add(out, self._near, camera, 1.0, None, NEAR, None)
         for drop in self.backdrops:
@@ -548,13 +577,8 @@ class BackdropWalk:
         if distance <= 0.0:
             self._step = 0
         if self._step == 0:
-            return self._plain(camera)
+            return Composed.plain(self.backdrop.scene, camera)
         return self.backdrop.draw(camera, share=self.share)
-
-    def _plain(self, camera: Camera) -> Composed:
-        view = self.backdrop.scene.render(camera)
-        layer = np.where(view.ids == BACKGROUND, NOTHING, NEAR).astype(np.int32)
-        return Composed(view.color, view.depth, view.ids, layer, len(self.backdrop.scene), camera)
 
 
 @dataclass(frozen=True, eq=False)
