@@ -260,9 +260,9 @@ def test_answers_go_into_memory_that_is_there():
     [
         ({"kind": "octree"}, "kind must be"),
         ({"leaf_faces": 0}, "leaf_faces must be an integer of at least 1, got 0"),
-        ({"depth": 21}, "depth must be at most 20, got 21"),
+        ({"depth": 21}, "depth must be an integer from 0 to 20, got 21"),
         ({"depth": 1.5}, "depth must be an integer"),
-        ({"stop": -1}, "stop must be an integer of at least 0"),
+        ({"stop": -1}, "stop must be an integer from 0 to 20"),
         ({"kind": "conventional", "stop": 2}, "a conventional tree passes nothing down"),
     ],
 )

@@ -32,6 +32,9 @@ from cyclorama.panorama.culling import eyes_around
 from cyclorama.panorama.slicing import OVERLAP, closed_step
 from cyclorama.panorama.viewing import resample, seen_between
 from failures.scenes import fence
+from peers import need
+
+CAMERA = cyc.Camera.look_at((0, 0, 0), (1, 0, 0), width=16, height=12)
 
 
 @pytest.fixture(scope="module")
@@ -84,13 +87,55 @@ def test_slips_are_told_before_anything_is_drawn(house, eye, tmp_path):
         ({"spacing": 1e-9}, "makes 4e"),
         ({"size": (256.5, 64)}, "whole numbers"),
         ({"slabs": "3"}, "slabs must be a number"),
-        ({"background": (1, 2, 300)}, "background must be"),
+        ({"background": (1, 2, 300)}, "background must be an integer from 0 to 255, got 300"),
     ):
         with pytest.raises(ValueError, match=said):
             cyc.panorama.bake(
                 house, track, **{"slabs": 2, "size": (256, 64), "out": tmp_path, "progress": False} | slip
             )
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("call", "name", "right"),
+    [
+        (lambda walk, eye, v: cyc.panorama.view(walk, v, CAMERA), "t must be", []),
+        (lambda walk, eye, v: cyc.panorama.view(walk, 0.3, v), "camera must be", []),
+        (lambda walk, eye, v: cyc.panorama.view(walk, 0.3, CAMERA, threads=v), "threads must be", []),
+        (lambda walk, eye, v: cyc.panorama.serve(walk, port=v), "port must be", []),
+        (lambda walk, eye, v: cyc.panorama.serve(walk, port=0, host=v), "host must be", ["x"]),
+        (lambda walk, eye, v: cyc.panorama.application(walk, cache=v), "cache must be", []),
+        (lambda walk, eye, v: Store(v), "named by a folder or an address", ["x"]),
+        (lambda walk, eye, v: Track(v), "points must", []),
+        (lambda walk, eye, v: walk.track.spaced(v), "spacing must be", []),
+        (lambda walk, eye, v: Projection(v), "projection must be", []),
+        (lambda walk, eye, v: Projection(size=v), "size must be", []),
+        (lambda walk, eye, v: Projection(up=v), "up must be", []),
+        (lambda walk, eye, v: find_slabs([1.0, 2.0, 5.0], v), "slabs must be", []),
+        (lambda walk, eye, v: find_slabs(v, 2), "ranges must be|range", [[1, 2]]),
+        (lambda walk, eye, v: bake_of(eye, slabs=v), "slabs must be", [[1, 2]]),
+        (lambda walk, eye, v: bake_of(eye, tile=v), "tile must be", []),
+        (lambda walk, eye, v: bake_of(eye, alpha=v), "alpha must be", []),
+        (lambda walk, eye, v: bake_of(eye, method=v), "method must be", []),
+        (lambda walk, eye, v: bake_of(eye, spacing=v), "spacing must be", []),
+        (lambda walk, eye, v: bake_of(eye, places=v), "places must", []),
+        (lambda walk, eye, v: bake_of(eye, max_error=v), "max_error must be", []),
+        (lambda walk, eye, v: bake_of(eye, mesh_pixels=v), "mesh_pixels must be", []),
+        (lambda walk, eye, v: bake_of(eye, codec=v), "codec must be", []),
+        (lambda walk, eye, v: bake_of(eye, background=v), "background", []),
+    ],
+)
+def test_what_is_of_the_wrong_kind_is_refused_by_name(walk, eye, call, name, right):
+    need("starlette")
+    for value in ("x", object(), [1, 2], np.nan, -1, {}):
+        if value not in right:
+            with pytest.raises(ValueError, match=name):
+                call(walk, eye, value)
+
+
+def bake_of(eye, **options):
+    house = cyc.scenes.house(rooms=2)
+    return cyc.panorama.bake(house, [eye, eye + [0.2, 0, 0]], size=(64, 32), out="none", **options, progress=False)
 
 
 def test_tracks_of_one_point_through_walls_and_outside_are_refused(house, eye):

@@ -184,7 +184,7 @@ def test_transparent_faces_are_always_there():
         (([0, 0], [1, 0, 1]), {}, "low must be three finite numbers"),
         (([0, 0, 0], [1, np.nan, 1]), {}, "high must be three finite numbers"),
         (("abc", [1, 1, 1]), {}, "low must be three numbers"),
-        (([0, 0, 0], [1, 1, 1]), {"max_eyes": 0}, "max_eyes must be a whole number of at least 1, got 0"),
+        (([0, 0, 0], [1, 1, 1]), {"max_eyes": 0}, "max_eyes must be an integer of at least 1, got 0"),
         (([0, 0, 0], [1, 1, 1]), {"resolution": 2.5}, "resolution"),
         (([0, 0, 0], [1, 1, 1]), {"patience": -1}, "patience"),
         (([0, 0, 0], [1, 1, 1]), {"seed": -1}, "seed"),

@@ -6,8 +6,18 @@ from collections.abc import Iterable
 from typing import Any, TypeVar
 
 import numpy as np
+import numpy.typing as npt
 
-__all__ = ["as_numpy", "check_threads", "checked_choice", "checked_number", "checked_pair", "checked_sequence"]
+__all__ = [
+    "as_numpy",
+    "check_threads",
+    "checked_choice",
+    "checked_floats",
+    "checked_number",
+    "checked_pair",
+    "checked_sequence",
+    "checked_whole",
+]
 
 T = TypeVar("T")
 
@@ -39,6 +49,23 @@ def checked_number(name: str, value: object, most: float | None = None) -> float
         return float(value)  # type: ignore[arg-type]
     limits = "finite and at least 0" if most is None else f"from 0 to {most:g}"
     raise ValueError(f"{name} must be {limits}, got {value!r}")
+
+
+def checked_floats(name: str, values: object) -> npt.NDArray[np.float64]:
+    """A copy of an array of numbers."""
+    try:
+        return np.array(as_numpy(values), dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} must be numbers, got {values!r}") from None
+
+
+def checked_whole(name: str, value: object, least: int, most: int | None = None) -> int:
+    """A whole number of at least `least`, and at most `most`."""
+    if isinstance(value, (int, np.integer)) and not isinstance(value, bool):
+        if least <= value and (most is None or value <= most):
+            return int(value)
+    limits = f"of at least {least}" if most is None else f"from {least} to {most}"
+    raise ValueError(f"{name} must be an integer {limits}, got {value!r}")
 
 
 def checked_pair(name: str, values: object) -> tuple[int, int]:

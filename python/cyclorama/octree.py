@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _core
+from .arguments import checked_whole
 from .camera import Camera
 from .progress import Progress, reporter
 from .scene import Scene
@@ -122,9 +123,9 @@ class Octree:
     ) -> None:
         if kind not in ("efficient", "conventional"):
             raise ValueError(f"kind must be 'efficient' or 'conventional', got {kind!r}")
-        leaf_faces, depth = _whole("leaf_faces", leaf_faces, 1), _whole("depth", depth, 0, MOST_LEVELS)
+        leaf_faces, depth = checked_whole("leaf_faces", leaf_faces, 1), checked_whole("depth", depth, 0, MOST_LEVELS)
         if stop is not None:
-            stop = _whole("stop", stop, 0, MOST_LEVELS)
+            stop = checked_whole("stop", stop, 0, MOST_LEVELS)
             if kind == "conventional":
                 raise ValueError(f"a conventional tree passes nothing down: leave stop out, got {stop}")
         self.kind = kind
@@ -384,11 +385,3 @@ def _planes(name: str, region: Region) -> Floats:
 
 def _unit(rows: Floats) -> Floats:
     return np.asarray(rows / np.linalg.norm(rows[:, :3], axis=1, keepdims=True))
-
-
-def _whole(name: str, value: object, least: int, most: int | None = None) -> int:
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
-        raise ValueError(f"{name} must be an integer of at least {least}, got {value!r}")
-    if most is not None and value > most:
-        raise ValueError(f"{name} must be at most {most}, got {value}")
-    return int(value)

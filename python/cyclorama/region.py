@@ -30,6 +30,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import bitfield
+from .arguments import checked_whole
 from .camera import Camera
 from .progress import Progress, reporter
 from .render import Fill
@@ -120,7 +121,7 @@ class Region:
         >>> bool(np.linalg.norm(points, axis=1).max() < 1.001)
         True
         """
-        _check_count("resolution", resolution, 1)
+        checked_whole("resolution", resolution, 1)
         if len(self.faces) and self.faces[-1] >= len(scene):
             raise ValueError(f"face {self.faces[-1]} was seen, but the scene has {len(scene)} faces: it is another one")
         eyes = self.eyes[self.first]
@@ -195,8 +196,8 @@ def visible_from(
     """
     box = check_box(low, high)
     for name, value in (("resolution", resolution), ("max_eyes", max_eyes), ("patience", patience)):
-        _check_count(name, value, 1)
-    _check_count("seed", seed, 0)
+        checked_whole(name, value, 1)
+    checked_whole("seed", seed, 0)
     if not (np.isfinite(least) and least >= 0):
         raise ValueError(f"least must be a number of at least 0, got {least!r}")
     inside = _reached_into(scene, box)
@@ -299,11 +300,6 @@ def check_box(low: npt.ArrayLike, high: npt.ArrayLike) -> Floats:
     for axis in np.flatnonzero(corners[0] > corners[1]):
         raise ValueError(f"low[{axis}] is {corners[0][axis]}, above high[{axis}], {corners[1][axis]}")
     return np.stack(corners)
-
-
-def _check_count(name: str, value: int, least: int) -> None:
-    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
-        raise ValueError(f"{name} must be a whole number of at least {least}, got {value!r}")
 
 
 def _eyes(box: Floats, most: int, seed: int, inside: bool) -> tuple[int, Floats]:

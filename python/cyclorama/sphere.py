@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _core, bitfield
+from .arguments import checked_whole
 
 __all__ = [
     "Cover",
@@ -66,12 +67,6 @@ def _faces(faces: npt.ArrayLike, points: int = 2**32 - 1) -> Faces:
     return _indices("faces", array, points, "points").astype(np.uint32)
 
 
-def _count(name: str, value: int, least: int, most: int) -> int:
-    if not isinstance(value, (int, np.integer)) or isinstance(value, bool) or not least <= value <= most:
-        raise ValueError(f"{name} must be an integer from {least} to {most}, got {value!r}")
-    return int(value)
-
-
 def octahedron(level: int) -> tuple[Points, Faces]:
     """The octahedron, its faces split in four `level` times (2002, section 3.2.1).
 
@@ -100,7 +95,7 @@ def octahedron(level: int) -> tuple[Points, Faces]:
     >>> points.shape, faces.shape
     ((66, 3), (128, 3))
     """
-    return _core.octahedron_sphere(_count("level", level, 0, 10))
+    return _core.octahedron_sphere(checked_whole("level", level, 0, 10))
 
 
 def fibonacci(n: int) -> Points:
@@ -123,7 +118,7 @@ def fibonacci(n: int) -> Points:
     >>> fibonacci(25).shape
     (25, 3)
     """
-    return _core.fibonacci_points(_count("n", n, 1, 2**24))
+    return _core.fibonacci_points(checked_whole("n", n, 1, 2**24))
 
 
 def hull(points: npt.ArrayLike) -> Faces:

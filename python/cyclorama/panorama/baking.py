@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..arguments import checked_number, checked_whole
 from ..files import whole_file
 from ..fingerprint import fingerprint
 from ..progress import Progress, reporter
@@ -125,10 +126,12 @@ def bake(
     panorama = Projection(projection, size, up=up)
     _check_tile(tile, panorama)
     check_codec(codec)
-    if len(background) != 3 or not all(0 <= channel <= 255 for channel in background):
+    channels = background if isinstance(background, (tuple, list, np.ndarray)) else ()
+    if len(channels) != 3:
         raise ValueError(f"background must be red, green, blue from 0 to 255, got {background!r}")
-    if not (math.isfinite(mesh_pixels) and mesh_pixels > 0):
-        raise ValueError(f"mesh_pixels must be positive, got {mesh_pixels}")
+    shade = [checked_whole("each channel of background", channel, 0, 255) for channel in channels]
+    if not checked_number("mesh_pixels", mesh_pixels):
+        raise ValueError(f"mesh_pixels must be above 0, got {mesh_pixels!r}")
     check_culling(method, alpha)
     if isinstance(renderer, BuiltIn):
         rail.check(renderer.scene, allow_outside=allow_outside)
@@ -152,7 +155,7 @@ def bake(
         "overlap": OVERLAP,
         "culling": {"method": method, "alpha": alpha},
         "mesh": {"pixels": mesh_pixels},
-        "background": [int(channel) for channel in background],
+        "background": shade,
         "made_by": _made_by(renderer),
         "references": [{"t": float(t), "eye": eye.tolist()} for t, eye in zip(where, rail.at(where), strict=True)],
     }
@@ -187,7 +190,7 @@ def bake(
 
 
 def _check_tile(tile: int, panorama: Projection) -> None:
-    if not isinstance(tile, int) or tile < 4 or tile & (tile - 1):
+    if checked_whole("tile", tile, 4) & (tile - 1):
         raise ValueError(f"tile must be a power of two of at least 4, got {tile!r}")
     if panorama.width % tile or panorama.height % tile:
         raise ValueError(f"size must be multiples of tile={tile}, got {panorama.width} x {panorama.height}")

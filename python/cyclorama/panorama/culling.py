@@ -8,6 +8,7 @@ from typing import Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
+from ..arguments import checked_choice, checked_number
 from .projection import Projection
 from .track import Track
 
@@ -28,10 +29,10 @@ def check_culling(method: Method | None, alpha: float) -> None:
     ------
     ValueError
     """
-    if method is not None and method not in get_args(Method):
-        raise ValueError(f"method must be 'exact', 'paper' or None, got {method!r}")
-    if not 0 < alpha <= 1:
-        raise ValueError(f"alpha must be above 0 and at most 1, got {alpha}")
+    if method is not None:
+        checked_choice("method", method, get_args(Method))
+    if not checked_number("alpha", alpha, 1):
+        raise ValueError(f"alpha must be above 0, got {alpha!r}")
 
 
 def kept_tiles(

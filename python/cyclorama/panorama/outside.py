@@ -47,8 +47,9 @@ class Pyrender:
         If pyrender isn't installed.
 
     Notes
-    ----- A slab ends at planes in each image, up to 4 % nearer than the range that was asked for where the image's
-    corners are; neighbouring slabs meet all the same.
+    -----
+    A slab ends at planes in each image, up to 4 % nearer than the range that was asked for where the image's corners
+    are; neighbouring slabs meet all the same.
     """
 
     def __init__(self, scene: Any) -> None:

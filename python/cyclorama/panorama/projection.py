@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import _core
+from ..arguments import checked_choice, checked_floats
 
 __all__ = ["Kind", "Projection"]
 
@@ -59,8 +60,7 @@ class Projection:
     def __init__(
         self, kind: Kind = "cylinder", size: tuple[int, int] = (4096, 1024), *, up: npt.ArrayLike = (0.0, 1.0, 0.0)
     ) -> None:
-        if kind not in get_args(Kind):
-            raise ValueError(f"projection must be 'cylinder' or 'equirect', got {kind!r}")
+        checked_choice("projection", kind, get_args(Kind))
         try:
             width, height = (operator.index(side) for side in size)
         except (TypeError, ValueError):
@@ -113,7 +113,7 @@ class Projection:
 
 
 def _axes(up: npt.ArrayLike) -> Floats:
-    upward = np.array(up, dtype=np.float64)
+    upward = checked_floats("up", up)
     if upward.shape != (3,) or not np.isfinite(upward).all() or not upward.any():
         raise ValueError(f"up must be a direction, got {up!r}")
     upward /= np.linalg.norm(upward)

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..arguments import checked_whole
 from ..pages import page, script
 from ..pages.packing import pack
 from .store import MANIFEST, VIEW, Store
@@ -123,7 +124,7 @@ def application(walk: Store | str | os.PathLike[str], *, cache: int = 256 << 20)
     Raises
     ------
     ValueError, FileNotFoundError
-        As for `Store`.
+        As for `Store`; or `cache` is no number of bytes.
     ImportError
         If Starlette is not installed: ``pip install cyclorama[server]``.
 
@@ -140,7 +141,7 @@ def application(walk: Store | str | os.PathLike[str], *, cache: int = 256 << 20)
         from starlette.routing import Route
     except ImportError as error:
         raise ImportError("serving a walkthrough needs Starlette: pip install 'cyclorama[server]'") from error
-    files = FileCache(store, cache)
+    files = FileCache(store, checked_whole("cache", cache, 0))
     plain = store.source.read(MANIFEST)
     corners = {"knots": store.track.knots.tolist(), "at_knots": store.track.at_knots.tolist()}
     told = json.dumps(store.manifest | corners).encode()
@@ -239,19 +240,20 @@ def serve(
     Raises
     ------
     ValueError
-        As for `Store`; or the port is none.
+        As for `application`; or `host` is no text, or `port` no port.
     OSError
         If the port is in use, or the address isn't one of this machine's.
     ImportError
         If Starlette or uvicorn is not installed.
     """
+    port = checked_whole("port", port, 0, 65535)
+    if not isinstance(host, str):
+        raise ValueError(f"host must be a name or an address, got {host!r}")
     app = application(walk, cache=cache)
     try:
         import uvicorn
     except ImportError as error:
         raise ImportError("serving a walkthrough needs uvicorn: pip install 'cyclorama[server]'") from error
-    if not 0 <= port < 65536:
-        raise ValueError(f"port must be from 0 to 65535, got {port}")
     listening = _listen(host, port)
     with listening:
         shown = f"[{host}]" if ":" in host else host

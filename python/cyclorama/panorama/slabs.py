@@ -9,6 +9,8 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
+from ..arguments import checked_floats, checked_whole
+
 __all__ = ["checked_slabs", "find_slabs"]
 
 Floats = npt.NDArray[np.float64]
@@ -52,10 +54,9 @@ def find_slabs(ranges: npt.ArrayLike, count: int, weights: npt.ArrayLike | None 
     >>> near.max() < cut < far.min()
     np.True_
     """
-    if not isinstance(count, int) or isinstance(count, bool) or not 1 <= count <= 16:
-        raise ValueError(f"slabs must be 1 to 16, got {count!r}")
-    values = np.asarray(ranges, dtype=np.float64).ravel()
-    mass = np.ones_like(values) if weights is None else np.asarray(weights, dtype=np.float64).ravel()
+    count = checked_whole("slabs", count, 1, 16)
+    values = checked_floats("ranges", ranges).ravel()
+    mass = np.ones_like(values) if weights is None else checked_floats("weights", weights).ravel()
     if mass.shape != values.shape:
         raise ValueError(f"weights must have {len(values)} entries, got {len(mass)}")
     seen = np.isfinite(values) & (values > 0)
@@ -136,7 +137,7 @@ def checked_slabs(cuts: Sequence[float]) -> list[tuple[float, float]]:
     >>> checked_slabs([2.0, 9.0])
     [(0.0, 2.0), (2.0, 9.0), (9.0, inf)]
     """
-    values = [float(cut) for cut in cuts]
+    values = checked_floats("slabs", cuts).ravel().tolist()
     bounds = [0.0, *values, math.inf]
     for index, (a, b) in enumerate(pairwise(bounds)):
         if not a < b:

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from ..arguments import checked_floats
 from .projection import Projection
 from .renderers import Layer, Renderer, checked_layer
 from .slabs import checked_slabs, find_slabs
@@ -110,7 +111,7 @@ def places_of(
     if places is not None:
         if spacing is not None:
             raise ValueError("give spacing or places, not both")
-        where = np.asarray(places, dtype=np.float64)
+        where = checked_floats("places", places)
         if where.ndim != 1 or not len(where) or not (where[0] >= 0 and where[-1] <= 1 and (np.diff(where) > 0).all()):
             raise ValueError(f"places must ascend within 0 to 1, got {where.tolist()}")
         return where
@@ -127,12 +128,12 @@ def places_of(
 def ranges_between(
     slabs: int | Sequence[float], renderer: Renderer, panorama: Projection, eyes: npt.NDArray[np.float64]
 ) -> list[tuple[float, float]]:
-    if isinstance(slabs, int):
+    if isinstance(slabs, (int, np.integer)):
         if slabs == 1:
             return checked_slabs([])
         ranges, masses = _seen(renderer, panorama, eyes)
         return checked_slabs(find_slabs(ranges, slabs, masses))
-    if isinstance(slabs, str):
+    if isinstance(slabs, str) or not isinstance(slabs, (Sequence, np.ndarray)):
         raise ValueError(f"slabs must be a number of slabs or the ranges between them, got {slabs!r}")
     return checked_slabs(slabs)
 

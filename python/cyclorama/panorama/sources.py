@@ -143,10 +143,20 @@ class Server:
 
 
 def source_of(place: str | os.PathLike[str] | Source) -> Source:
-    """A source, from what names it: the address of a server (``http://`` or ``https://``), or a folder."""
+    """A source, from what names it: the address of a server (``http://`` or ``https://``), or a folder.
+
+    Raises
+    ------
+    ValueError
+        If it is neither, nor a source.
+    """
     if isinstance(place, str) and place.startswith(("http://", "https://")):
         return Server(place)
-    return Folder(place) if isinstance(place, str | os.PathLike) else place
+    if isinstance(place, str | os.PathLike):
+        return Folder(place)
+    if not hasattr(place, "read") or not hasattr(place, "where"):
+        raise ValueError(f"a walkthrough is named by a folder or an address, got {place!r}")
+    return place
 
 
 def _unpack(packed: bytes, where: str) -> dict[str, bytes]:

@@ -12,6 +12,7 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
+from ..arguments import checked_number
 from ..camera import Camera
 from ..quality import psnr
 from .projection import Projection
@@ -70,8 +71,8 @@ def places_by_error(
     ValueError
         If `max_error` isn't positive, or a stretch still is worse after twelve halvings.
     """
-    if not (math.isfinite(max_error) and max_error > 0):
-        raise ValueError(f"max_error must be positive, got {max_error}")
+    if not checked_number("max_error", max_error):
+        raise ValueError(f"max_error must be above 0, got {max_error!r}")
     grid = Projection(size=(1024, 256)) if panorama is None else panorama
     starts = [0.0, 1.0] if track.spline else track.at_knots.tolist()
     cuts = ranges_between(slabs, renderer, grid, track.at(np.linspace(0, 1, 9)))
@@ -114,8 +115,7 @@ def middle_error(
     renderer: Renderer, pair: list[Reference], panorama: Projection, eye: npt.NDArray[np.float64]
 ) -> float:
     """Root of the mean squared error of the view half-way between two references, against the renderer's panorama
-    there,
-    in grey levels."""
+    there, in grey levels."""
     layer = renderer.render(eye, panorama, 0.0, math.inf)
     truth = np.dstack([layer.color, np.where(layer.opacity, 255, 0).astype(np.uint8)])
     right, up, back = panorama.axes

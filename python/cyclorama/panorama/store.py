@@ -39,6 +39,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..archives import UNREADABLE, check_format
+from ..arguments import checked_number
 from .projection import Projection
 from .sources import Folder, Source, source_of
 from .tiles import decode
@@ -386,8 +387,7 @@ class Store:
         ValueError
             If `t` isn't from 0 to 1.
         """
-        if not 0 <= t <= 1:
-            raise ValueError(f"t must be from 0 to 1, got {t}")
+        t = checked_number("t", t, 1)
         places = np.array([entry.t for entry in self.references])
         first = int(np.searchsorted(places, t, side="right")) - 1
         if first in (-1, len(places) - 1):

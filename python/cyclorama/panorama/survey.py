@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from ..arguments import checked_pair, checked_whole
 from ..camera import Camera
 from ..progress import Progress, reporter
 from ..scene import Scene
-from .culling import Method, eyes_around, kept_tiles
+from .culling import Method, check_culling, eyes_around, kept_tiles
 from .projection import Kind, Projection
 from .renderers import BuiltIn, Renderer
 from .slicing import closed_step, mesh_error, places_of, ranges_between, reach_of, slabs_of
@@ -181,6 +182,7 @@ class Survey:
 
     def kept(self, method: Method | None = "exact", alpha: float = 1.0, *, smallest: bool = False) -> list[list[Mask]]:
         """The tiles that are kept, by reference and slab: see `kept_tiles`."""
+        check_culling(method, alpha)
         key = (method, alpha, smallest)
         if key not in self._kept:
             self._kept[key] = [
@@ -297,6 +299,7 @@ class Survey:
             Also counts the dropped tiles that some view shows, by drawing each view once more.
         progress : bool or callable, optional
         """
+        views, size, seed = checked_whole("views", views, 1), checked_pair("size", size), checked_whole("seed", seed, 0)
         kept = self.kept(method, alpha, smallest=smallest)
         full, culled = self.references, self.culled(kept)
         rng = np.random.default_rng(seed)

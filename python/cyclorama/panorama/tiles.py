@@ -32,6 +32,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
+from ..arguments import checked_choice
 from .projection import Projection
 
 __all__ = ["ACROSS", "Codec", "check_codec", "decode", "encode", "tile_numbers"]
@@ -53,8 +54,7 @@ def check_codec(codec: str) -> None:
     ------
     ValueError, ImportError
     """
-    if codec not in get_args(Codec):
-        raise ValueError(f"codec must be 'smallest', 'png' or 'webp', got {codec!r}")
+    checked_choice("codec", codec, get_args(Codec))
     if codec == "webp" and not _has_webp():
         raise ValueError("codec='webp' needs a Pillow that was built with WebP: codec='png' always works")
 

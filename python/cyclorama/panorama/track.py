@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import _core
+from ..arguments import checked_floats, checked_number
 
 if TYPE_CHECKING:
     from ..scene import Scene
@@ -62,7 +63,7 @@ class Track:
     """
 
     def __init__(self, points: npt.ArrayLike, *, spline: bool = False, closed: bool = False) -> None:
-        array = np.array(points, dtype=np.float64)
+        array = checked_floats("points", points)
         if array.ndim != 2 or array.shape[1] != 3:
             raise ValueError(f"points must have shape (N, 3), got {array.shape}")
         bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
@@ -175,8 +176,8 @@ class Track:
         >>> Track([(0, 0, 0), (3, 0, 0), (3, 0, 1)]).spaced(1.5)
         array([0.   , 0.375, 0.75 , 1.   ])
         """
-        if not (math.isfinite(spacing) and spacing > 0):
-            raise ValueError(f"spacing must be positive and finite, got {spacing}")
+        if not checked_number("spacing", spacing):
+            raise ValueError(f"spacing must be above 0, got {spacing!r}")
         if self.length / spacing > _MOST_PLACES:
             raise ValueError(
                 f"spacing={spacing:.6g} makes {self.length / spacing:.3g} viewpoints of a track of {self.length:.6g}: "
@@ -228,7 +229,7 @@ class Track:
 
 
 def _shares(t: npt.ArrayLike) -> Floats:
-    share = np.asarray(t, dtype=np.float64)
+    share = checked_floats("t", t)
     bad = share[~((share >= 0) & (share <= 1))]
     if bad.size:
         raise ValueError(f"t must be from 0 to 1, got {bad.flat[0]}")

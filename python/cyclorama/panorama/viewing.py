@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from ..arguments import check_threads
 from ..camera import Camera, stack
 from .projection import Projection
 from .store import Reference, Store
@@ -83,8 +84,11 @@ def view(store: Store | str | os.PathLike[str], t: float, camera: Camera, *, thr
     (True, False, True)
     """
     walk = store if isinstance(store, Store) else Store(store)
+    if not isinstance(camera, Camera):
+        raise ValueError(f"camera must be a Camera, got {type(camera).__name__}")
     if camera.orthographic:
         raise ValueError("a view needs a pinhole camera, got an orthographic one")
+    check_threads(threads)
     first, second, between = walk.beside(t)
     walk.expect(t)
     here = moved(camera, walk.track.at(t))
