@@ -72,9 +72,28 @@ def test_pyrender_culls_back_faces_and_is_told_so(rubble):
     assert "probably: back faces are culled" in report(testing.assert_depth_matches, rubble, CAMERA, culled)
     # The pass that draws colours is multisampled, and resolves to the depth of each pixel's first sample.
     _, resolved = renderer.render(scene, flags=pyrender.RenderFlags.SKIP_CULL_FACES)
+    _, both = renderer.render(scene)
     renderer.delete()
     said = report(testing.assert_depth_matches, rubble, CAMERA, resolved)
     assert "beside the pixels' centres is shown: multisampling?" in said
+    assert "; and " not in said
+    said = report(testing.assert_depth_matches, rubble, CAMERA, both)
+    assert "probably: back faces are culled; and a sample" in said
+    assert "beside the pixels' centres is shown: multisampling?" in said
+
+
+def test_two_mistakes_at_once_are_told(rubble):
+    culled = rubble.render(CAMERA, fronts(rubble, CAMERA))
+    said = report(testing.assert_ids_match, rubble, CAMERA, culled.ids[::-1])
+    assert "probably: back faces are culled; and rows are flipped" in said
+    ids = rubble.render(moved(CAMERA, 0.5, 0.5), fronts(rubble, CAMERA)).ids
+    said = report(testing.assert_ids_match, rubble, CAMERA, ids)
+    assert "probably: back faces are culled; and the picture is shifted by (+0.5, +0.5)" in said
+    far_and_near = np.where(np.isfinite(culled.depth), 1000 * culled.depth, 0)
+    said = report(testing.assert_depth_matches, rubble, CAMERA, far_and_near)
+    assert "probably: back faces are culled; and depths are 1000 times as large" in said
+    nonsense = np.random.default_rng(0).integers(0, len(rubble), culled.ids.shape)
+    assert "probably" not in report(testing.assert_ids_match, rubble, CAMERA, nonsense)
 
 
 ID_MISTAKES = {

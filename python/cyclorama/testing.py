@@ -4,8 +4,8 @@ Each compares one answer of the caller's renderer with ours. Two right renderers
 pixel's centre that their arithmetic puts the centre on different sides: such pixels are *explained* by pictures shifted
 by `reach` pixels (`cyclorama.validation`), and everything else is *unexplained*. If there is more of that than is
 allowed, an AssertionError says how many pixels, the first of them, and what was probably done: the same is drawn with
-each common mistake, and the mistake is named that leaves the least unexplained. A picture of the difference is written
-beside.
+each common mistake, then with two at a time, and what leaves the least unexplained is named. A picture of the
+difference is written beside.
 
 >>> import cyclorama as cyc
 >>> scene = cyc.scenes.sphere(500)
@@ -23,7 +23,7 @@ from __future__ import annotations
 import itertools
 import os
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -145,6 +145,11 @@ def assert_ids_match(
             causes.append((name, int(((ours.ids != got) & ((ours.ids != BACKGROUND) | (got != BACKGROUND))).sum())))
     causes += _numbered_otherwise(scene, ours.ids, theirs, found.unexplained)
     causes += _pictures_gone_wrong(scene, camera, unlike)
+    if not _cause(causes, count):
+        put_right = list(_rearranged(theirs))
+        causes += _mixtures(
+            scene, camera, theirs, lambda view: put_right, lambda got, view: int((view.ids != got).sum())
+        )
     lines.append(_cause(causes, count) or _place(ours, depth, theirs != BACKGROUND, found.agree, found.unexplained))
     panels = [_colored(ours.ids), _colored(theirs), _verdict(found.agree, found.explained, found.unexplained)]
     raise AssertionError(_with_picture("id-buffer", lines, panels, picture))
@@ -225,11 +230,20 @@ def assert_depth_matches(
     def unlike(view: View) -> int:
         return int((~_near(theirs, view.depth.astype(np.float64), 10 * relative) & ~explained).sum())
 
+    def differ(depth: Floats, view: View) -> int:
+        return int((~_near(depth, view.depth.astype(np.float64), 10 * relative)).sum())
+
+    def mended(view: View) -> Iterator[tuple[str, Floats]]:
+        yield from _rearranged(theirs)
+        yield from _measured_otherwise(camera, given, view.depth.astype(np.float64))
+
     causes = []
-    for name, got in [*_rearranged(theirs), *_measured_otherwise(camera, given, truth)]:
+    for name, got in mended(ours):
         if got.shape == truth.shape:
             causes.append((name, int((~_near(got, truth, 10 * relative) & (covered | np.isfinite(got))).sum())))
     causes += _pictures_gone_wrong(scene, camera, unlike)
+    if not _cause(causes, count):
+        causes += _mixtures(scene, camera, theirs, mended, differ)
     lines.append(_cause(causes, count) or _place(ours, theirs, np.isfinite(theirs), agree, unexplained))
     panels = [_grey(truth, truth), _grey(theirs, truth), _verdict(agree, explained, unexplained)]
     raise AssertionError(_with_picture("depth buffer", lines, panels, picture))
@@ -522,15 +536,45 @@ def _pictures_gone_wrong(scene: Scene, camera: Camera, unlike: Callable[[View], 
             yield name, unlike(view)
 
 
-def _mistakes(scene: Scene, camera: Camera) -> Iterator[tuple[str, View]]:
+def _mixtures(
+    scene: Scene,
+    camera: Camera,
+    theirs: npt.NDArray[Any],
+    mended: Callable[[View], Iterable[tuple[str, npt.NDArray[Any]]]],
+    differ: Callable[[Any, View], int],
+) -> Iterator[tuple[str, int]]:
+    """As `_pictures_gone_wrong`, with two mistakes: in what is drawn and in how it was put away or measured, which
+    `mended` takes back, or culled and from another camera."""
+
+    def counted() -> Iterator[tuple[str, npt.NDArray[Any], View]]:
+        for first, view in _mistakes(scene, camera):
+            for second, got in mended(view):
+                if got.shape == view.ids.shape:
+                    yield f"{first}; and {second}", got, view
+        for first, faces in _culled(scene, camera):
+            for second, other in (*_shifted_cameras(camera), *_cameras_gone_wrong(camera)):
+                yield f"{first}; and {second}", theirs, scene.render(other, faces)
+
+    for name, got, view in counted():
+        if (view.ids != BACKGROUND).any():
+            yield name, differ(got, view)
+
+
+def _culled(scene: Scene, camera: Camera) -> Iterator[tuple[str, Ids]]:
+    """The faces that are left by culling one side."""
     toward = _facing(scene, camera)
     opaque = np.ones(len(scene), np.bool_) if scene.transparent is None else ~scene.transparent
     for name, faces in (
         ("back faces are culled", toward & opaque),
         ("front faces are culled, or all faces are turned over and back faces culled", ~toward & opaque),
     ):
-        yield name, scene.render(camera, np.flatnonzero(faces))
-    if not opaque.all():
+        yield name, np.flatnonzero(faces).astype(np.uint32)
+
+
+def _mistakes(scene: Scene, camera: Camera) -> Iterator[tuple[str, View]]:
+    for name, faces in _culled(scene, camera):
+        yield name, scene.render(camera, faces)
+    if scene.transparent is not None and scene.transparent.any():
         yield "transparent faces are drawn", scene.render(camera, np.arange(len(scene)))
     for name, other in (*_shifted_cameras(camera), *_cameras_gone_wrong(camera)):
         yield name, scene.render(other)
