@@ -143,6 +143,8 @@ def test_what_such_files_cannot_say_or_we_cannot_do_is_refused(tmp_path):
     beside = cyc.Camera([[100, 0, 40], [0, 100, 24], [0, 0, 1]], np.eye(4), 64, 48)
     with pytest.raises(ValueError, match="looks beside the middle"):
         write_gltf(tmp_path / "b.gltf", {"b": beside})
+    with pytest.raises(ValueError, match=r"b\.glb must end in \.gltf"):
+        write_gltf(tmp_path / "b.glb", {})
     with pytest.raises(ValueError, match="is no name for an image"):
         write_colmap(tmp_path, {"a b": beside})
     (tmp_path / "cameras.txt").write_text("1 OPENCV 64 48 50 50 32 24 0.1 0 0 0\n")

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -210,7 +211,7 @@ def strip_hidden(
     Raises
     ------
     ValueError
-        If the file can't be read, nothing in it is ever seen, or trimesh doesn't write such files.
+        If the file can't be read, nothing in it is ever seen, or trimesh doesn't write such files, or writes several.
     OSError
         If `out` can't be written.
 
@@ -227,6 +228,7 @@ def strip_hidden(
     if out.exists() and out.samefile(source):
         raise ValueError(f"{out} is the file that is read; give the new one another name")
     check_writable(out)
+    _check_format(out)
     scene = loading.load(source)
     found = never_seen(
         scene,
@@ -245,10 +247,7 @@ def strip_hidden(
     seen = parts.count(scene.parts, np.flatnonzero(found.seen))
     kept = parts.count(scene.parts, np.flatnonzero(keep))
     _drop(mesh, scene, keep)
-    try:
-        written = mesh.export(file_type=out.suffix[1:].lower())
-    except (ValueError, KeyError) as error:
-        raise ValueError(f"{out}: trimesh does not write {out.suffix or 'files without an ending'}: {error}") from error
+    written = mesh.export(file_type=out.suffix[1:].lower())
     with whole_file(out) as file:
         file.write(written.encode() if isinstance(written, str) else written)
     rows: list[Row] = [
@@ -256,6 +255,20 @@ def strip_hidden(
         for part, s, k in zip(scene.parts, seen, kept, strict=True)
     ]
     return Stripped(found, int(keep.sum()), rows)
+
+
+def _check_format(out: Path) -> None:
+    """Refuses, before any work, what one file can't be of."""
+    try:
+        trimesh: Any = import_module("trimesh")
+    except ImportError as error:
+        raise ImportError("writing meshes needs trimesh: pip install 'cyclorama[mesh]'") from error
+    try:
+        written = trimesh.Scene(trimesh.creation.box()).export(file_type=out.suffix[1:].lower())
+    except (ValueError, KeyError) as error:
+        raise ValueError(f"{out}: trimesh does not write {out.suffix or 'files without an ending'}: {error}") from error
+    if not isinstance(written, str | bytes):
+        raise ValueError(f"{out}: {out.suffix} is several files; .glb has the same in one")
 
 
 class _Outside:

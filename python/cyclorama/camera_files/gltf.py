@@ -84,10 +84,12 @@ def write_gltf(path: PathLike, cameras: Mapping[str, Camera]) -> None:
     Raises
     ------
     ValueError
-        If they have no names, or a camera is something else, which glTF can't say.
+        If the path ends otherwise, they have no names, or a camera is something else, which glTF can't say.
     OSError
         If the file can't be written.
     """
+    if Path(path).suffix.lower() != ".gltf":
+        raise ValueError(f"{os.fspath(path)} must end in .gltf")
     nodes: list[dict[str, Any]] = []
     lenses: list[dict[str, Any]] = []
     for name, camera in named(cameras).items():
