@@ -7,8 +7,9 @@ nothing else are openings, and rooms that join without a wall are one), *q3_20kd
 knows. *Precision* is the share of portals found that lie in a true opening, *recall* that of true openings with a
 portal, *overlap* how much of their area the portals cover, *rooms* how many true ones have a cell of their own, or one
 with the rooms they join. Eyes are in the open: indoors, every fourth outdoors; Embree says what a picture of 96 x 72
-pixels shows, and *lost* are views with a face that is not answered. *Drawn* is over all faces, *of frustum* over those
-in the camera's frustum. The floor plans show the cut at the eye's height, portals in black.
+pixels shows, and *lost* are views with a face that is not answered, without probes and with them. *Drawn* is over all
+faces, *of frustum* over those in the camera's frustum. The floor plans show the cut at the eye's height, portals in
+black.
 """
 
 from __future__ import annotations
@@ -25,8 +26,13 @@ from cyclorama import lab
 from cyclorama.portals import Building
 from cyclorama.portals.cones import Cone
 
-#: Voxels and doors that are given, and the axis that is up.
-SETTINGS = {"house": ({}, 1), "fzk_haus": ({}, 2), "q3_20kdm2": ({"door": 200.0}, 2)}
+#: Scenes, what is given of their doors, and the axis that is up.
+SETTINGS = {
+    "house": ("house", {}, 1),
+    "fzk_haus": ("fzk_haus", {}, 2),
+    "q3_20kdm2": ("q3_20kdm2", {}, 2),
+    "q3_20kdm2, door=200": ("q3_20kdm2", {"door": 200.0}, 2),
+}
 
 
 def truth(name: str, folder: object, scene: cyc.Scene) -> tuple[list[np.ndarray], list[tuple[np.ndarray, np.ndarray]]]:
@@ -122,22 +128,29 @@ def main() -> None:
     options = bench.options(__doc__, eyes=1000, seed=0)
     eyes = 40 if options.quick else options.eyes
     rows = []
-    figure, panels = pyplot.subplots(1, 3, figsize=(18, 6))
+    figure, panels = pyplot.subplots(1, len(SETTINGS), figsize=(6 * len(SETTINGS), 6))
     heights = {"house": 1.3, "fzk_haus": 1.4, "q3_20kdm2": 240.0}
-    for panel, (name, (given, up)) in zip(panels, SETTINGS.items(), strict=True):
+    for panel, (title, (name, given, up)) in zip(panels, SETTINGS.items(), strict=True):
         scene = cyc.scenes.house(rooms=8, seed=0) if name == "house" else bench.scene(options.meshes, name)
-        building, seconds = lab.elapsed(partial(Building.find, scene, **given, progress=False))
+        bare, seconds = lab.elapsed(partial(Building.find, scene, **given, probes=0, progress=False))
+        building, probing = lab.elapsed(partial(bare.completed, progress=False))
         middles, doors = truth(name, options.meshes, scene)
-        row = {"scene": name, "seconds": round(seconds, 1), "cells": len(building.cells)}
+        row = {
+            "scene": title,
+            "seconds": round(seconds, 1),
+            "of probes": round(probing, 1),
+            "cells": len(building.cells),
+        }
         row["portals"] = len(building.portals)
         if doors:
             own = {building.cell(middle) for middle in middles} - {None}
             row["rooms"] = f"{len(middles)} in {len(own)}"
             row["precision"], row["recall"], row["overlap"] = (round(x, 3) for x in compared(building, doors))
-        rng = np.random.default_rng(options.seed)
-        rows.append({**row, **walked(building, eyes_of(building, eyes, rng), up, rng)})
+        for kind, drawn in (("without", bare), ("with", building)):
+            rng = np.random.default_rng(options.seed)
+            rows.append({**row, "probes": kind, **walked(drawn, eyes_of(bare, eyes, rng), up, rng)})
         plan(
-            building, up, heights[name], panel, f"{name}: {len(building.cells)} cells, {len(building.portals)} portals"
+            building, up, heights[name], panel, f"{title}: {len(building.cells)} cells, {len(building.portals)} portals"
         )
     columns = list(dict.fromkeys(key for row in rows for key in row))
     bench.show("Rooms and doors found in meshes", [{key: row.get(key, "") for key in columns} for row in rows], columns)

@@ -106,6 +106,47 @@ def test_the_doors_of_a_real_house_are_found(data, real_scene) -> None:
     assert lost(building, eyes, (0, 0, 1), 1) == (0, 0)
 
 
+def eyes_in(building: Building, count: int, rng: np.random.Generator) -> np.ndarray:
+    """Points in open cubes, three of four of them indoors."""
+    rooms = building.cells[0].rooms
+    indoors, outdoors = np.argwhere(rooms.labels >= 0), np.argwhere(rooms.labels == -1)
+    chosen = np.concatenate([rng.choice(indoors, count - count // 4), rng.choice(outdoors, count // 4)])
+    return rooms.grid.low + (chosen + rng.random(chosen.shape)) * rooms.grid.step
+
+
+def test_what_is_seen_through_gaps_that_cubes_close_is_drawn(real_scene) -> None:
+    """A castle, whose walls have some: without probes some of 400 eyes lose faces, with them at most one does."""
+    need("scipy")
+    scene = real_scene("q3_20kdm2")
+    bare = Building.find(scene, probes=0, progress=False)
+    whole = bare.completed(progress=False)
+    eyes = eyes_in(bare, 400, np.random.default_rng(5))
+    assert lost(bare, eyes, (0, 0, 1), 2)[1] >= 4
+    assert lost(whole, eyes, (0, 0, 1), 2)[1] <= 1
+    # It is no way out to draw all there is.
+    drawn = [sum(len(building.faces[place]) for place in range(len(bare.cells))) for building in (bare, whole)]
+    assert drawn[0] < drawn[1] < 0.2 * len(scene) * len(bare.cells)
+
+
+def test_a_slit_that_cubes_close_is_looked_through() -> None:
+    """Beyond it stands a box; one behind the other wall is never drawn with the room."""
+    need("scipy")
+    room = ([0, 0, 0], [4, 4, 3], (0, 1))
+    sides = ([4, 0, 0], [4, 1.95, 3]), ([4, 2.05, 0], [4, 4, 3])
+    scene = boxes(room, ([7, 1.5, 1], [7.4, 2.5, 2]), ([-7.4, 1.5, 1], [-7, 2.5, 2]), *sides)
+    ahead, behind = np.arange(10, 22), np.arange(22, 34)
+    bare, whole = (Building.find(scene, voxel=0.2, door=1.0, probes=n, progress=False) for n in (0, 500))
+    assert len(bare.cells) == 1 and not bare.portals
+    assert not np.isin(ahead, bare.faces[0]).any()
+    # Its nearest side is all that is seen of it.
+    near = [face for face in ahead if (scene.vertices[scene.faces[face], 0] == 7).all()]
+    assert np.isin(near, whole.faces[0]).all()
+    assert not np.isin(behind, whole.faces[0]).any()
+    assert whole.leaks.lost.any() and not bare.leaks.lost.any()
+    again = bare.completed(500, threads=1, progress=False)
+    assert all(np.array_equal(*pair) for pair in zip(again.faces, whole.faces, strict=True))
+
+
 def test_cubes_are_those_that_faces_touch() -> None:
     """Against Open3D's distance of a cube's middle from the mesh: a sphere in it touches, one around it must."""
     open3d = need("open3d")
@@ -149,6 +190,8 @@ def test_where_no_room_is_found_it_says_what_to_set() -> None:
         ({"door": 0.5, "voxel": 0.2}, "a door of 0.5 is less than three voxels of 0.2 wide"),
         ({"voxel": 0.001, "door": 1.0}, r"would take \d+.\d GB: give a voxel= of .* or a larger max_bytes="),
         ({"max_bytes": 0}, "max_bytes must be a positive number, got 0"),
+        ({"probes": -1}, "probes must be an integer of at least 0, got -1"),
+        ({"probes": 10, "seed": -1}, "seed must be an integer of at least 0, got -1"),
     ):
         with pytest.raises(ValueError, match=match):
             Building.find(two, progress=False, **options)
@@ -175,8 +218,8 @@ def test_progress_counts_faces_and_an_eye_in_a_wall_is_nowhere(home: Building) -
     need("scipy")
     seen: list[int] = []
     two = boxes(([0, 0, 0], [4, 4, 3]), ([6, 0, 0], [10, 4, 3]))
-    building = Building.find(two, voxel=0.2, door=1.0, progress=seen.append)
-    assert seen == sorted(seen) and seen[-1] == len(two)
+    building = Building.find(two, voxel=0.2, door=1.0, probes=50, progress=seen.append)
+    assert seen == sorted(seen) and seen[-1] == len(two) + 50
     assert building.cell([2, 2, 1.5]) is not None and building.cell([5, 2, 1.5]) is None
     assert building.cell([0.05, 2, 1.5]) is None
     shown = building.visible(cyc.Camera.look_at([0.05, 2, 1.5], [9, 2, 1.5]))

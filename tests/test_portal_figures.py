@@ -21,7 +21,7 @@ def test_a_route_goes_through_all_rooms_and_no_wall(home: Building) -> None:
     eyes, gazes = figures.route(home, 60, start=1, seed=3)
     assert eyes.shape == gazes.shape == (60, 3) and (eyes[:, 1] == 1.6).all()
     np.testing.assert_allclose(np.linalg.norm(gazes, axis=1), 1.0)
-    assert not any(home._is_solid(eye) for eye in eyes[::5])
+    assert not any(home.is_solid(eye) for eye in eyes[::5])
     assert {home._holding(eye) for eye in eyes} >= set(range(4))
     assert home._holding(eyes[0]) == 1
     np.testing.assert_array_equal(eyes, figures.route(home, 60, start=1, seed=3)[0])

@@ -109,6 +109,20 @@ def test_no_visible_face_is_lost_in_a_house(home: Building) -> None:
     assert lost(home, inside(home, 200, 0), (0, 1, 0), 0) == (0, 0)
 
 
+def test_a_door_that_nobody_told_of_is_looked_through(home: Building) -> None:
+    """Many eyes lose what it shows; once it was looked at, none does, and the other doors hide what they did."""
+    inner = [index for index, portal in enumerate(home.portals) if portal.cells[1] is not None]
+    without = Building(home.scene, home.cells, [p for index, p in enumerate(home.portals) if index != inner[0]])
+    completed = without.completed(1500, progress=False)
+    eyes = inside(home, 200, 7)
+    assert lost(without, eyes, (0, 1, 0), 3)[1] >= 5
+    assert lost(completed, eyes, (0, 1, 0), 3)[1] <= 1
+    for before, after in zip(without.faces, completed.faces, strict=True):
+        assert np.isin(before, after).all()
+    camera = looking(eyes[0], eyes[0] + (1, 0, 0))
+    assert len(home.visible(camera)) <= len(completed.visible(camera)) < 0.7 * len(home.scene)
+
+
 def test_none_is_lost_in_its_doors_and_from_outdoors(home: Building) -> None:
     rng = np.random.default_rng(1)
     doors = np.array([rng.dirichlet(np.ones(4)) @ portal.polygon for portal in home.portals])

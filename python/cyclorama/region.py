@@ -37,7 +37,7 @@ from .render import Fill
 from .scene import Scene
 from .witnesses import witness
 
-__all__ = ["Region", "visible_from"]
+__all__ = ["Region", "cube_around", "visible_from"]
 
 Floats = npt.NDArray[np.float64]
 
@@ -54,7 +54,7 @@ _TAIL = 0.4
 _RARE = 4
 
 #: Steps of the sequence that fills a cube evenly: powers of the real root of x^4 = x + 1 (Roberts).
-_CUBE_STEP = 1.2207440846057596 ** -np.arange(1.0, 4.0)
+CUBE_STEP = 1.2207440846057596 ** -np.arange(1.0, 4.0)
 
 #: Turns from the world's axes to those of a camera that looks along each of them.
 _SIDES = tuple(
@@ -237,7 +237,7 @@ def visible_from(
 
 def _looked(scene: Scene, eyes: Floats, resolution: int, fill: Fill, threads: int | None) -> npt.NDArray[np.bool_]:
     """(N, F) what each eye sees."""
-    cameras = [camera for eye in eyes for camera in _cube(eye, resolution)]
+    cameras = [camera for eye in eyes for camera in cube_around(eye, resolution)]
     seen = scene.visible(cameras, fill, threads=threads, progress=False)
     whole = np.bitwise_or.reduce(seen.words.reshape(len(eyes), len(_SIDES), -1), axis=1)
     return bitfield.unpack(whole, len(scene))
@@ -309,7 +309,7 @@ def _eyes(box: Floats, most: int, seed: int, inside: bool) -> tuple[int, Floats]
     corners = corners[:most]
     count = most - len(corners) if len(corners) > 1 else 0
     begin = np.random.default_rng(seed).random(3)
-    shares = (begin + np.arange(count)[:, None] * _CUBE_STEP) % 1
+    shares = (begin + np.arange(count)[:, None] * CUBE_STEP) % 1
     outer = np.arange(count) % 2 == 0 if inside else np.ones(count, bool)
     shares[outer] = _onto_surface(shares[outer])
     return len(corners), np.concatenate([corners, box[0] + shares * (box[1] - box[0])])
@@ -332,8 +332,8 @@ def _reached_into(scene: Scene, box: Floats) -> bool:
     return bool(((corners.min(axis=1) < box[1]) & (corners.max(axis=1) > box[0])).all(axis=1).any())
 
 
-def _cube(eye: Floats, resolution: int) -> list[Camera]:
-    """Six cameras around an eye whose images meet at their borders."""
+def cube_around(eye: Floats, resolution: int) -> list[Camera]:
+    """Six square images around an eye, that meet at their borders."""
     half = resolution / 2
     K = np.array([[half, 0, half], [0, half, half], [0, 0, 1]])
     cameras = []

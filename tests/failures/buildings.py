@@ -13,7 +13,8 @@ from . import Shown, failure
     "A door that nobody told of",
     method="Portals",
     source="found here: cells and portals are taken as given",
-    remedy="`Building.find` looks for rooms and openings in the mesh itself.",
+    remedy="`completed()` looks from all rooms for what the portals don't show; `Building.find` finds rooms and "
+    "openings in the mesh itself.",
 )
 def door_left_out():
     """What is seen through a door is drawn only where there is a portal. With some of the doors left out of the

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import _core
+from ..arguments import checked_whole
 from ..camera import Camera
 from ..progress import Progress, reporter
 from ..scene import Scene
@@ -19,6 +20,7 @@ from .cones import Cone
 from .drawing import PortalDrawn, PortalFrame, draw, frame
 from .finding import find
 from .images import Kind, PortalImages
+from .leaks import Leaks, look
 from .reading import read_building
 from .voxels import FILLED, NEAR, OUTDOORS
 
@@ -52,6 +54,8 @@ class Building:
     portals : list of Portal
     faces : list of (K,) ndarray of uint32
         The scene's faces in each cell; the last entry is outdoors: by default all that are not wholly inside one box.
+    leaks : Leaks or None
+        What `completed` saw past the portals.
 
     Raises
     ------
@@ -83,6 +87,7 @@ class Building:
         self._corners = np.asarray(scene.vertices, np.float64)[scene.faces]
         self._surface = _core.Solid(self._corners.reshape(-1, 9))
         self.faces = self._assigned() if faces is None else list(faces)
+        self.leaks: Leaks | None = None
         self._images: PortalImages | None = None
         self.kernel = self._kernel()
 
@@ -129,6 +134,9 @@ class Building:
         voxel: float | None = None,
         eye_height: float | None = None,
         max_bytes: float = 2e9,
+        probes: int = 4000,
+        seed: int = 0,
+        threads: int | None = None,
         progress: Progress = None,
     ) -> Building:
         """Finds rooms and the openings between them in a mesh.
@@ -149,8 +157,10 @@ class Building:
             Of people, above the floor, in the scene's units: says how large the scene is.
         max_bytes : float
             More cubes than fit into so many bytes are refused.
+        probes, seed, threads
+            As for `completed`, which is done at the end; with 0 probes it isn't.
         progress : bool, callable or None
-            See `cyclorama.progress`; units are faces.
+            See `cyclorama.progress`; units are faces, then probes.
 
         Returns
         -------
@@ -165,7 +175,8 @@ class Building:
 
         Notes
         -----
-        See `cyclorama.portals.finding`. Gratings with gaps narrower than two voxels count as walls.
+        See `cyclorama.portals.finding`. Gratings with gaps narrower than two voxels count as walls; what the probes see
+        through them is drawn with the cell that they see it from.
 
         Examples
         --------
@@ -174,10 +185,63 @@ class Building:
         >>> Building.find(home, progress=False)
         <Building: 4 cells, ...
         """
-        with reporter(progress, len(scene), "faces") as report:
+        checked_whole("probes", probes, 0)
+        checked_whole("seed", seed, 0)
+        with reporter(progress, len(scene) + probes, "faces and probes") as report:
             found = find(scene, door, voxel, eye_height, max_bytes, report)
             report(len(scene))
-        return cls(scene, found.cells, found.portals, faces=found.faces)
+            building = cls(scene, found.cells, found.portals, faces=found.faces)
+            return building._with(look(building, probes, seed, threads, lambda done: report(len(scene) + done)))
+
+    def completed(
+        self, probes: int = 4000, *, seed: int = 0, threads: int | None = None, progress: Progress = None
+    ) -> Building:
+        """The same building, with what is seen past its portals.
+
+        From eyes in each cell and outdoors it is looked, in all directions, at what the portals don't show: through
+        gaps that are no portals. Such faces, with those around them, are drawn with the eye's cell from then on.
+
+        Parameters
+        ----------
+        probes : int
+            Eyes to look from.
+        seed : int
+            Where they are.
+        threads : int, optional
+            All cores by default. The answer does not depend on it.
+        progress : bool, callable or None
+            See `cyclorama.progress`; units are probes.
+
+        Returns
+        -------
+        Building
+            Its `leaks` tell how many eyes saw more, and how many of the last ones none.
+
+        Raises
+        ------
+        ValueError
+            If `probes` is negative.
+
+        Examples
+        --------
+        A building whose windows nobody told of:
+
+        >>> import cyclorama as cyc
+        >>> home = cyc.scenes.house(rooms=3)
+        >>> doors = [portal for portal in home.portals if None not in portal["cells"]]
+        >>> building = Building(home, home.cells, doors).completed(100, progress=False)
+        >>> building.leaks.lost.any()
+        np.True_
+        """
+        checked_whole("probes", probes, 0)
+        checked_whole("seed", seed, 0)
+        with reporter(progress, probes, "probes") as report:
+            return self._with(look(self, probes, seed, threads, report))
+
+    def _with(self, leaks: Leaks) -> Building:
+        building = Building(self.scene, self.cells, self.portals, faces=leaks.faces)
+        building.leaks = leaks
+        return building
 
     def __repr__(self) -> str:
         return f"<Building: {len(self.cells)} cells, {len(self.portals)} portals, {len(self.scene):,} faces>"
@@ -189,7 +253,7 @@ class Building:
         cells were found, it is what is farther than four cubes from all of them.
         """
         at = _eye(eye)
-        return None if self._at_portals(at) or self._is_solid(at) else self._holding(at)
+        return None if self._at_portals(at) or self.is_solid(at) else self._holding(at)
 
     def _holding(self, eye: Floats) -> int | None:
         rooms = self.cells[0].rooms
@@ -198,11 +262,17 @@ class Building:
             return label if label >= 0 else None
         return next((index for index, cell in enumerate(self.cells) if cell.holds(eye)), None)
 
-    def _is_solid(self, eye: Floats) -> bool:
+    def is_solid(self, eye: Floats) -> bool:
+        """Whether nothing can be seen from a point; see `cell`."""
+        rooms = self.cells[0].rooms
+        return not (self.is_open(eye) or (rooms is not None and rooms.near(eye, NEAR)))
+
+    def is_open(self, eye: Floats) -> bool:
+        """Whether a point is in nothing solid, and where cells were found in no cube that faces reach into either."""
         rooms = self.cells[0].rooms
         if rooms is not None:
-            return rooms.at(eye) == FILLED and not rooms.near(eye, NEAR)
-        return abs(self._surface.winding(eye.tolist())) > 0.5
+            return rooms.at(eye) != FILLED
+        return abs(self._surface.winding(eye.tolist())) <= 0.5
 
     def _at_portals(self, eye: Floats) -> list[int]:
         return self.kernel.at(eye.tolist(), TOUCH * self._size)
@@ -263,7 +333,7 @@ class Building:
     def start(self, camera: Camera) -> tuple[list[float], Floats, list[int], list[int]]:
         """What the kernel takes: eye, planes of the frustum (5, 4), the places that the eye is in, its portals."""
         cone = Cone.of(camera)
-        places, crossed = self._places(cone.eye)
+        places, crossed = self.places(cone.eye)
         return cone.eye.tolist(), np.column_stack([cone.normals, cone.offsets]), places, crossed
 
     def paint(
@@ -422,13 +492,13 @@ class Building:
             raise ValueError(f"forward must be three finite numbers, not all zero, got {gaze.tolist()}")
         return Camera.look_at(at, at + gaze, self.images.up, fov_y, *size)
 
-    def _places(self, eye: Floats) -> tuple[list[int], list[int]]:
+    def places(self, eye: Floats) -> tuple[list[int], list[int]]:
         """Where an eye is: a cell, or the sides of the portals that it is in; and those portals."""
         outdoors = len(self.cells)
         at_portals = self._at_portals(eye)
         places = {outdoors if side is None else side for i in at_portals for side in self.portals[i].cells}
         if not places:
-            if self._is_solid(eye):
+            if self.is_solid(eye):
                 raise ValueError(f"the eye {eye.tolist()} is inside something solid: nothing can be seen from there")
             places |= self._held_by(eye)
         return sorted(places), at_portals

@@ -113,7 +113,7 @@ def route(
     smooth = np.concatenate([eyes, np.repeat(eyes[-1:], _TURN, axis=0)])
     gazes = smooth[_TURN:] - eyes
     gazes[-_TURN:] = gazes[-_TURN - 1]
-    free = np.flatnonzero([not building._is_solid(eye) for eye in eyes])
+    free = np.flatnonzero([not building.is_solid(eye) for eye in eyes])
     kept = free[np.linspace(0, len(free) - 1, frames).round().astype(int)]
     return eyes[kept], gazes[kept] / np.linalg.norm(gazes[kept], axis=1, keepdims=True)
 
