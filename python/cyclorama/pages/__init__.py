@@ -37,6 +37,7 @@ def script(name: str) -> str:
     path = Path(__file__).with_name(f"{name}.js")
     if not path.exists():
         raise FileNotFoundError(
-            f"{path.name} was not bundled with this package: in the sources, `make pages` does it (with Node.js)"
+            f"{path.name} is not in this package, which was built without Node.js: install that (nodejs and npm), then "
+            "build again with `pip install --force-reinstall --no-deps .`; in the sources `make pages` will do"
         )
     return path.read_text(encoding="utf-8")
