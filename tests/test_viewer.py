@@ -1,5 +1,6 @@
 """A bake as a page, looked at in a browser."""
 
+import io
 from types import SimpleNamespace
 
 import numpy as np
@@ -41,7 +42,7 @@ def test_the_page_says_what_the_bake_says(gear, running, tmp_path):
     with page_of(running, (tmp_path / "gear.html").as_uri()) as page:
         page.wait_for_function(f"window.cyclorama && {STATE}.missed", timeout=60_000)
         assert page.text_content("h1") == "<gear> & co"
-        for direction in ([1, 0.2, 0.1], [-0.3, 0.8, 0.5], [0.2, -0.4, -1]):
+        for direction in ([1, 0.2, 0.1], [-0.3, 0.8, 0.4], [0.2, -0.4, -1]):
             page.evaluate("direction => window.cyclorama.look(direction)", direction)
             page.wait_for_timeout(300)
             state = page.evaluate(STATE)
@@ -57,6 +58,66 @@ def test_the_page_says_what_the_bake_says(gear, running, tmp_path):
             assert abs(state["missed"]["covered"] - seen.sum()) <= edge.sum()
             lost = ~np.isin(ids[seen], answer)
             assert abs(state["missed"]["missed"] - lost.sum()) <= edge.sum()
+
+
+def covered_in_page(page):
+    page.wait_for_function(f"window.cyclorama && {STATE}.missed", timeout=60_000)
+    return page.evaluate(STATE)["missed"]
+
+
+@pytest.mark.parametrize("options", [{"distances": [50.0]}, {"distances": [1000.0]}, {"fov_y": 5.0}, {"fov_y": 120.0}])
+def test_the_model_is_shown_however_far_the_samples_are(running, tmp_path, options):
+    scene = cyc.scenes.gear(3000)
+    vis = cyc.bake(scene, views=18, resolution=(96, 90), progress=False, **options)
+    viewer.write_page(vis, scene, tmp_path / "gear.html")
+    with page_of(running, (tmp_path / "gear.html").as_uri()) as page:
+        missed = covered_in_page(page)
+        assert missed["missed"] <= 0.001 * missed["covered"]
+        page.uncheck("[name=sphere]")
+        assert 0.03 < share_shown(page) < 0.7
+
+
+def share_shown(page):
+    """Of the page's pixels those that show the model, which is of a brownish yellow."""
+    need("PIL")
+    from PIL import Image
+
+    page.wait_for_timeout(300)
+    picture = np.asarray(Image.open(io.BytesIO(page.screenshot())).convert("RGB")).astype(int)
+    return (picture[..., 0] > picture[..., 2] + 30).mean()
+
+
+def test_transparent_faces_hide_nothing(running, tmp_path):
+    ball, gear = cyc.scenes.sphere(faces=320), cyc.scenes.gear(3000)
+    scene = cyc.Scene(
+        np.concatenate([ball.vertices, 0.5 * gear.vertices / gear.radius]),
+        np.concatenate([ball.faces, gear.faces + len(ball.vertices)]),
+        transparent=np.arange(len(ball) + len(gear)) < len(ball),
+    )
+    vis = cyc.bake(scene, views=18, resolution=(96, 90), progress=False)
+    viewer.write_page(vis, scene, tmp_path / "glass.html")
+    with page_of(running, (tmp_path / "glass.html").as_uri()) as page:
+        missed, eye = covered_in_page(page), page.evaluate(STATE)["eye"]
+        camera = vis.framing.with_resolution((510, 480)).cameras([eye])[0]
+        seen = scene.render(camera).ids != cyc.BACKGROUND
+        assert abs(missed["covered"] - seen.sum()) <= (seen[1:] ^ seen[:-1]).sum()
+        assert missed["missed"] <= 0.01 * missed["covered"]
+
+
+def test_on_a_phone_the_model_is_free(gear, running, tmp_path):
+    scene, vis = gear
+    viewer.write_page(vis, scene, tmp_path / "gear.html")
+    context = running.new_context(viewport={"width": 360, "height": 640}, has_touch=True, is_mobile=True)
+    page = context.new_page()
+    page.goto((tmp_path / "gear.html").as_uri())
+    covered_in_page(page)
+    panel = page.locator("details").bounding_box()
+    assert panel["width"] * panel["height"] < 0.1 * 360 * 640, "figures are folded away"
+    page.tap("summary")
+    page.uncheck("[name=sphere]")
+    page.tap("summary")
+    assert 0.05 < share_shown(page) < 0.5
+    context.close()
 
 
 def test_the_eye_stays_while_the_view_turns(gear, running, tmp_path):

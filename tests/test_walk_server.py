@@ -411,6 +411,9 @@ def test_on_a_phone_the_picture_is_free_and_fingers_look(url, running):
         points = [] if x is None else [{"x": x, "y": 400}]
         touch.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
     assert page.evaluate("window.cyclorama.state().yaw") > before
+    page.set_viewport_size({"width": 640, "height": 320})
+    panel, slider = (page.locator(name).bounding_box() for name in ("details", "footer label"))
+    assert panel["y"] + panel["height"] <= slider["y"], "lying on its side, the slider stays free"
     context.close()
 
 

@@ -144,6 +144,8 @@ def _content(
     }
     if vis.labels is not None:
         arrays["labels"] = vis.labels
+    if scene.transparent is not None:
+        arrays["transparent"] = scene.transparent.astype(np.uint8)
     if scene.colors is not None:
         of_faces = len(scene.colors) == len(scene) != len(scene.vertices)
         colors = scene.colors if of_faces else scene.colors[scene.faces].mean(axis=1).astype(np.uint8)

@@ -12,13 +12,14 @@ const STYLE = `
 .cyc-view { position: relative; width: 100%; height: 100%; min-height: 320px; background: #14171c; color: #e8eaed;
   font: 14px/1.45 system-ui, sans-serif; }
 .cyc-view canvas { display: block; outline-offset: -3px; touch-action: none; }
-.cyc-panel { position: absolute; top: 10px; left: 10px; padding: 10px 14px; max-width: 17em; border-radius: 8px;
-  background: rgba(20, 23, 28, 0.82); }
-.cyc-panel h1 { font-size: 15px; margin: 0 0 6px; overflow-wrap: anywhere; }
-.cyc-panel dl { display: grid; grid-template-columns: auto 1fr; gap: 0 10px; margin: 0 0 8px; }
+.cyc-panel { position: absolute; top: 10px; left: 10px; padding: 8px 14px; max-width: 17em; border-radius: 8px;
+  background: rgba(20, 23, 28, 0.82); box-sizing: border-box; max-height: calc(100% - 20px); overflow: auto; }
+.cyc-panel summary { cursor: pointer; }
+.cyc-panel h1 { display: inline; font-size: 15px; overflow-wrap: anywhere; }
+.cyc-panel dl { display: grid; grid-template-columns: auto 1fr; gap: 0 10px; margin: 6px 0 8px; }
 .cyc-panel dt { opacity: 0.7; }
 .cyc-panel dd { margin: 0; text-align: right; font-variant-numeric: tabular-nums; }
-.cyc-panel label { display: block; padding: 2px 0; cursor: pointer; }
+.cyc-panel label { display: flex; align-items: baseline; gap: 4px; padding: 2px 0; cursor: pointer; }
 .cyc-panel label[hidden] { display: none; }
 .cyc-panel p { margin: 6px 0 0; opacity: 0.7; font-size: 12px; }
 .cyc-panel button { font: inherit; margin-top: 4px; }
@@ -129,8 +130,14 @@ export function mount(element, data) {
   const ownColors = geometry.getAttribute("color");
   let labelColors = null;
   const material = new THREE.MeshLambertMaterial({ vertexColors: true, flatShading: true, side: THREE.DoubleSide });
-  const model = new THREE.Mesh(geometry, material);
-  scene.add(model);
+  scene.add(new THREE.Mesh(geometry, material));
+  // Transparent faces hide nothing.
+  const glass = geometry.clone();
+  const glassMaterial = material.clone();
+  Object.assign(glassMaterial, { transparent: true, opacity: 0.35, depthWrite: false });
+  const [solid, clear] = [[], []];
+  data.transparent?.forEach((is, face) => (is ? clear : solid).push(face));
+  if (clear.length) scene.add(new THREE.Mesh(glass, glassMaterial));
 
   const idMaterial = new THREE.ShaderMaterial({
     side: THREE.DoubleSide,
@@ -142,6 +149,7 @@ export function mount(element, data) {
   const idTarget = new THREE.WebGLRenderTarget(ID_WIDTH, ID_HEIGHT);
   const idScene = new THREE.Scene();
   const idMesh = new THREE.Mesh(geometry.clone(), idMaterial);
+  if (clear.length) idMesh.geometry.setIndex(corners(solid));
   idScene.add(idMesh);
   const eyeCamera = new THREE.PerspectiveCamera(data.fovY, ID_WIDTH / ID_HEIGHT, 0.01, 100);
 
@@ -188,10 +196,14 @@ export function mount(element, data) {
   );
   scene.add(missedMesh);
 
-  const panel = document.createElement("div");
+  const panel = document.createElement("details");
   panel.className = "cyc-panel";
-  const heading = document.createElement("h1");
-  heading.textContent = data.title;
+  // On a phone the figures would cover the model.
+  panel.open = !matchMedia("(pointer: coarse) and ((max-width: 520px) or (max-height: 520px))").matches;
+  const heading = document.createElement("summary");
+  const name = document.createElement("h1");
+  name.textContent = data.title;
+  heading.append(name);
   const figures = document.createElement("dl");
   figures.setAttribute("aria-live", "polite");
   const said = {};
@@ -235,12 +247,18 @@ export function mount(element, data) {
 
   const orbit = new OrbitControls(camera, renderer.domElement);
   orbit.enablePan = false;
-  camera.position.set(0, 0, 1).applyEuler(new THREE.Euler(-0.35, 0.6, 0)).multiplyScalar(data.radius * 1.35);
-  orbit.update();
+  look(new THREE.Vector3(0, 0, 1).applyEuler(new THREE.Euler(-0.35, 0.6, 0)));
 
   const now = { eye: new THREE.Vector3(), cell: -1, drawn: [], set: new Uint8Array(data.faceCount), missed: null };
   let pending = 0;
   let drawing = false;
+
+  /** Puts the view so far away in a direction that the model fills two thirds of it, however far the samples are. */
+  function look(direction) {
+    const narrow = Math.min(1, root.clientWidth / root.clientHeight || 1);
+    camera.position.copy(direction).setLength(1.35 / (narrow * Math.sin((data.fovY * Math.PI) / 360)));
+    orbit.update();
+  }
 
   function show(cell) {
     now.cell = cell;
@@ -262,6 +280,9 @@ export function mount(element, data) {
     eyeCamera.up.set(0, Math.abs(now.eye.y) > 0.999 * now.eye.length() ? 0 : 1, 0);
     if (eyeCamera.up.y === 0) eyeCamera.up.set(0, 0, 1);
     eyeCamera.lookAt(0, 0, 0);
+    // The model lies in a ball of radius 1.
+    [eyeCamera.near, eyeCamera.far] = [Math.max(data.radius - 1.01, 0.01), data.radius + 1.01];
+    eyeCamera.updateProjectionMatrix();
     const before = renderer.getRenderTarget();
     renderer.setRenderTarget(idTarget);
     renderer.setClearColor(0x000000, 0);
@@ -300,8 +321,15 @@ export function mount(element, data) {
       pending = setTimeout(measure, 120);
     }
     if (controls.patches.checked && !labelColors) labelColors = new THREE.BufferAttribute(patchColors(data), 3);
-    geometry.setAttribute("color", controls.patches.checked ? labelColors : ownColors);
-    geometry.setIndex(controls.cull.checked ? corners(now.drawn) : null);
+    for (const shape of [geometry, glass]) shape.setAttribute("color", controls.patches.checked ? labelColors : ownColors);
+    const culls = controls.cull.checked;
+    if (clear.length) {
+      for (const [shape, faces] of [[geometry, solid], [glass, clear]]) {
+        shape.setIndex(corners(culls ? faces.filter((face) => now.set[face]) : faces));
+      }
+    } else {
+      geometry.setIndex(culls ? corners(now.drawn) : null);
+    }
     sphere.visible = controls.sphere.checked;
     cellMesh.visible = eyeMark.visible = !controls.follow.checked; // else they are before the model
     backdrops.visible = controls.backdrops.checked;
@@ -318,6 +346,9 @@ export function mount(element, data) {
     drawing = true;
     requestAnimationFrame(() => {
       drawing = false;
+      const [away, around] = [camera.position.length(), 1.1 * Math.max(data.radius, 1)];
+      [camera.near, camera.far] = [Math.max(away - around, away / 1000), away + around];
+      camera.updateProjectionMatrix();
       renderer.render(scene, camera);
     });
   }
@@ -355,15 +386,14 @@ export function mount(element, data) {
   return {
     state: () => ({ cell: now.cell, drawn: now.drawn.length, eye: now.eye.toArray(), missed: now.missed }),
     look(direction) {
-      camera.position.fromArray(direction).setLength(data.radius * 1.35);
-      orbit.update();
+      look(new THREE.Vector3().fromArray(direction));
       refresh();
     },
     dispose() {
       clearTimeout(pending);
       watcher.disconnect();
       orbit.dispose();
-      for (const thing of [geometry, idMesh.geometry, missedShape, wires, cellShape]) thing.dispose();
+      for (const thing of [geometry, glass, idMesh.geometry, missedShape, wires, cellShape]) thing.dispose();
       idTarget.dispose();
       renderer.dispose();
       root.remove();
