@@ -143,6 +143,9 @@ def test_what_such_files_cannot_say_or_we_cannot_do_is_refused(tmp_path):
     beside = cyc.Camera([[100, 0, 40], [0, 100, 24], [0, 0, 1]], np.eye(4), 64, 48)
     with pytest.raises(ValueError, match="looks beside the middle"):
         write_gltf(tmp_path / "b.gltf", {"b": beside})
+    for kind, (write, _, name) in WRITE_AND_READ.items():
+        with pytest.raises(ValueError, match="cameras must be named by text, got 1"):
+            write(tmp_path / kind / name, {1: beside})
     with pytest.raises(ValueError, match=r"b\.glb must end in \.gltf"):
         write_gltf(tmp_path / "b.glb", {})
     with pytest.raises(ValueError, match="is no name for an image"):

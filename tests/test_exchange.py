@@ -1,5 +1,6 @@
 """Answers about faces, opened by the programs that they are for."""
 
+import itertools
 import json
 import struct
 
@@ -174,3 +175,27 @@ def test_what_is_no_set_of_faces_is_refused(ball, bad, says):
 def test_another_ending_is_refused(ball, tmp_path):
     with pytest.raises(ValueError, match=r"must end in \.glb"):
         exchange.save_gltf(ball, tmp_path / "ball.obj", [])
+
+
+def test_parts_may_have_any_names(tmp_path):
+    need("trimesh")
+    ball = cyc.scenes.sphere(80)
+    for names in (("x", "x seen"), ("a/b", "a/b"), ("a", "a 2", "a"), ("world", "")):
+        ends = np.linspace(0, len(ball), len(names) + 1).astype(int).tolist()
+        parts = [Part(name, name, *pair) for name, pair in zip(names, itertools.pairwise(ends), strict=True)]
+        scene = cyc.Scene(ball.vertices, ball.faces, parts=parts)
+        exchange.save_gltf(scene, tmp_path / "ball.glb", scene.visible(CAMERA))
+        again = cyc.load(tmp_path / "ball.glb")
+        assert len(again) == len(ball)
+        # Each mesh is below the node of its part.
+        above = {part.path.removesuffix(f"/{part.name}") for part in again.parts}
+        assert len(above) == len(names) and all(part.path != part.name for part in again.parts)
+
+
+def test_what_is_no_colour_is_refused(ball, seen, tmp_path):
+    need("trimesh")
+    for colors in (((1, 2), (3, 4)), ((300, 2, 3), (3, 4, 5)), "x", ((1, 2, 3),)):
+        with pytest.raises(ValueError, match="colors must be"):
+            exchange.to_trimesh(ball, seen, colors=colors)
+        with pytest.raises(ValueError, match="colors must be"):
+            exchange.save_gltf(ball, tmp_path / "ball.glb", seen, colors=colors)

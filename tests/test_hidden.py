@@ -131,13 +131,22 @@ def test_pictures_of_a_stripped_file_are_those_of_the_whole(files):
     ("kwargs", "message"),
     [
         ({"max_missed": 0}, "max_missed must be a share between 0 and 1, got 0"),
-        ({"max_views": 0}, "max_views must be at least 1, got 0"),
+        ({"max_missed": "a"}, "max_missed must be from 0 to 1, got 'a'"),
+        ({"max_views": 0}, "max_views must be an integer of at least 1, got 0"),
+        ({"max_views": 2.5}, "max_views must be an integer of at least 1, got 2.5"),
+        ({"seed": -1}, "seed must be an integer of at least 0, got -1"),
+        ({"inside": [0, 0, 0]}, "inside must be two corners"),
         ({"inside": ([1, 0, 0], [0, 1, 1])}, r"low\[0\] is 1.0, above high\[0\], 0.0"),
     ],
 )
 def test_bad_questions_are_refused(kwargs, message):
     with pytest.raises(ValueError, match=message):
         cyc.never_seen(cyc.scenes.sphere(faces=80), progress=False, **kwargs)
+
+
+def test_few_views_are_enough_where_much_may_be_lost():
+    found = cyc.never_seen(cyc.scenes.sphere(faces=80), max_missed=0.2, resolution=(64, 60), progress=False)
+    assert found.bound <= 0.2
 
 
 def test_the_file_itself_and_unknown_formats_are_not_written(files, tmp_path):

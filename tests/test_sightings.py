@@ -79,7 +79,7 @@ def test_bad_questions_are_refused(gear):
     scene, cameras = gear
     with pytest.raises(ValueError, match=r"seen\[1\] is 999999"):
         next_best(scene, cameras, [0, 999999], progress=False)
-    with pytest.raises(ValueError, match="count must be a whole number of at least 1"):
+    with pytest.raises(ValueError, match="count must be an integer of at least 1"):
         next_best(scene, cameras, count=0, progress=False)
     with pytest.raises(ValueError, match="weight must be 'area'"):
         next_best(scene, cameras, weight="size", progress=False)  # type: ignore[arg-type]

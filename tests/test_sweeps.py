@@ -101,6 +101,25 @@ ROWS = [
 ]
 
 
+def test_sweeps_without_a_camera_are_refused_and_where_nothing_is_seen_there_is_no_error():
+    ball = cyc.scenes.sphere(80)
+    here, away = (cyc.Camera.look_at((0, 0, 5), (0, 0, z), width=32, height=24) for z in (0, 9))
+    house = cyc.scenes.house(rooms=2)
+    building = cyc.portals.Building(house, house.cells, house.portals)
+    for sweep, name in (
+        (lambda: sweeps.warps(ball, here, []), "targets"),
+        (lambda: sweeps.construction(ball, [], [here]), "cameras"),
+        (lambda: sweeps.construction(ball, [here], []), "targets"),
+        (lambda: sweeps.portal_images(building, []), "cameras"),
+    ):
+        with pytest.raises(ValueError, match=f"{name} is empty"):
+            sweep()
+    [row] = sweeps.warps(ball, here, [away], splats=[1], orders=["zbuffer"], rounds=1, progress=False)
+    assert row["rms"] is None and row["holes"] == 0
+    [row] = sweeps.budgets(ball, ["x"], progress=False)
+    assert row["error"] == "ValueError: share must be finite and at least 0, got 'x'"
+
+
 def test_rows_come_back_from_csv_as_they_were(tmp_path):
     lab.save(ROWS, tmp_path / "rows.csv")
     expected = [{k: list(v) if isinstance(v, tuple) else v for k, v in row.items()} for row in ROWS]

@@ -6,6 +6,7 @@ PyVista, ``mesh.select_faces_by_mask(mask)`` in Open3D.
 
 from __future__ import annotations
 
+import itertools
 import os
 from collections.abc import Iterator
 from importlib import import_module
@@ -14,6 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from .arguments import checked_floats
 from .bitfield import Bitfields
 from .files import whole_path
 from .scene import Scene
@@ -146,7 +148,8 @@ def save_gltf(
     """Writes a scene as binary glTF that says what of it is seen, for viewers and other programs.
 
     Each part of the scene, or each patch, is a node with up to two meshes, named after it and "seen" or "never seen";
-    these are the names of the two materials, too. A mesh has in its ``extras`` how many faces it has, and the part.
+    these are the names of the two materials, too. A number follows a name that is taken. A mesh has in its ``extras``
+    how many faces it has, and the part.
 
     Parameters
     ----------
@@ -183,10 +186,12 @@ def save_gltf(
     mask = face_mask(scene, seen)
     materials = {
         name: trimesh.visual.material.PBRMaterial(name=name, baseColorFactor=[*color, 255], doubleSided=True)
-        for name, color in zip(("seen", "never seen"), colors, strict=True)
+        for name, color in zip(("seen", "never seen"), _checked(colors).tolist(), strict=True)
     }
     tree = trimesh.Scene()
-    for name, faces in _groups(scene, labels):
+    taken = {tree.graph.base_frame}
+    # Groups first: a part may have the name that another one's mesh would have.
+    for name, faces in [(_free(name, taken), faces) for name, faces in _groups(scene, labels)]:
         tree.graph.update(frame_to=name, frame_from=tree.graph.base_frame)
         for title, own in (("seen", faces[mask[faces]]), ("never seen", faces[~mask[faces]])):
             if not len(own):
@@ -199,19 +204,17 @@ def save_gltf(
                 metadata={"part": name, "seen": title == "seen", "faces": len(own)},
                 process=False,
             )
-            tree.add_geometry(mesh, node_name=f"{name} {title}", geom_name=f"{name} {title}", parent_node_name=name)
+            node = _free(f"{name} {title}", taken)
+            tree.add_geometry(mesh, node_name=node, geom_name=node, parent_node_name=name)
     with whole_path(path) as beside:
         beside.write_bytes(tree.export(file_type="glb"))
 
 
 def _groups(scene: Scene, labels: npt.ArrayLike | None) -> Iterator[tuple[str, npt.NDArray[np.int64]]]:
-    """Names and faces of patches or parts, no name twice."""
+    """Names and faces of patches or parts."""
     if labels is None:
-        names: dict[str, int] = {}
         for part in scene.parts:
-            name = part.path or part.name or "scene"
-            names[name] = names.get(name, 0) + 1
-            yield name if names[name] == 1 else f"{name} {names[name]}", np.arange(part.start, part.stop)
+            yield part.path or part.name or "scene", np.arange(part.start, part.stop)
         return
     array = np.asarray(labels)
     if array.shape != (len(scene),) or array.dtype.kind not in "iu":
@@ -220,5 +223,21 @@ def _groups(scene: Scene, labels: npt.ArrayLike | None) -> Iterator[tuple[str, n
         yield f"patch {label}", np.flatnonzero(array == label)
 
 
+def _free(name: str, taken: set[str]) -> str:
+    """A name that is not taken, and is from now on."""
+    numbered = (name if number == 1 else f"{name} {number}" for number in itertools.count(1))
+    found = next(candidate for candidate in numbered if candidate not in taken)
+    taken.add(found)
+    return found
+
+
 def _colors(mask: Mask, colors: tuple[Rgb, Rgb]) -> npt.NDArray[np.uint8]:
-    return np.where(mask[:, None], np.array(colors[0]), np.array(colors[1])).astype(np.uint8)
+    seen, never = _checked(colors)
+    return np.where(mask[:, None], seen, never)
+
+
+def _checked(colors: tuple[Rgb, Rgb]) -> npt.NDArray[np.uint8]:
+    found = checked_floats("colors", colors)
+    if found.shape != (2, 3) or not ((found >= 0) & (found <= 255)).all():
+        raise ValueError(f"colors must be red, green, blue from 0 to 255, twice, got {colors!r}")
+    return found.astype(np.uint8)

@@ -20,6 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import bitfield, loading, parts
+from .arguments import checked_number, checked_pair, checked_whole
 from .bakes.confidence import upper_mean
 from .bakes.evaluation import random_directions
 from .bakes.learning import probe
@@ -122,7 +123,7 @@ def never_seen(
         Mean share of a view's pixels that may be lost, in (0, 1); it takes at least about three views for each time
         that 1 holds it.
     max_views : int, optional
-        Most views. By default four times what `max_missed` takes at the least.
+        Most views. By default four times what `max_missed` takes at the least, and 66 to begin with.
     resolution : (int, int)
         Width and height of the views in pixels.
     seed : int
@@ -140,7 +141,7 @@ def never_seen(
     Raises
     ------
     ValueError
-        If `max_missed` is not in (0, 1), `max_views` is less than 1, or the box is none.
+        If `max_missed` is not in (0, 1), `max_views` is no number of views, `seed` none, or the box none.
 
     Examples
     --------
@@ -149,12 +150,17 @@ def never_seen(
     >>> never_seen(ball, max_missed=0.05, progress=False).faces
     array([], dtype=uint32)
     """
-    if not 0 < max_missed < 1:
+    if not 0 < checked_number("max_missed", max_missed, 1) < 1:
         raise ValueError(f"max_missed must be a share between 0 and 1, got {max_missed}")
-    most = int(np.ceil(4 * 3.2 / max_missed)) if max_views is None else max_views
-    if most < 1:
-        raise ValueError(f"max_views must be at least 1, got {max_views}")
-    views = _Outside(Framing.of(scene, resolution), seed) if inside is None else _Inside(*inside, resolution, seed)
+    most = BEGIN + int(np.ceil(4 * 3.2 / max_missed)) if max_views is None else checked_whole("max_views", max_views, 1)
+    checked_whole("seed", seed, 0)
+    views: _Outside | _Inside
+    if inside is None:
+        views = _Outside(Framing.of(scene, resolution), seed)
+    elif len(inside) == 2:
+        views = _Inside(*inside, checked_pair("resolution", resolution), seed)
+    else:
+        raise ValueError(f"inside must be two corners, the lowest and the highest, got {inside!r}")
     row = np.zeros((1, bitfield.width(len(scene))), dtype=np.uint64)
     scores: list[float] = []
     taken, bound = 0, 1.0

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import bitfield
+from .arguments import checked_whole
 from .bitfield import Bitfields
 from .camera import Camera
 from .progress import Progress, reporter
@@ -229,8 +230,7 @@ def next_best(
     >>> [view.view for view in next_best(ball, around, count=2, progress=False)]
     [0, 2]
     """
-    if count < 1 or count != int(count):
-        raise ValueError(f"count must be a whole number of at least 1, got {count}")
+    checked_whole("count", count, 1)
     worth = _worth(scene, weight)
     if not isinstance(candidates, Bitfields):
         candidates = scene.visible(candidates, threads=threads, progress=progress)

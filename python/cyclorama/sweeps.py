@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import lab, quality, warp
+from .arguments import checked_number, checked_sequence
 from .camera import Camera
 from .depth_image import DepthImage
 from .ldi import LayeredDepthImage
@@ -66,8 +67,13 @@ def warps(
     Returns
     -------
     list of dict
-        `splat`, `order`, `rms` (root mean square of what is shown, of 255), `holes` and `cracks` (shares of pixels),
-        `time` in seconds for all targets, `times`.
+        `splat`, `order`, `rms` (root mean square of what is shown, of 255; None if nothing is), `holes` and `cracks`
+        (shares of pixels), `time` in seconds for all targets, `times`.
+
+    Raises
+    ------
+    ValueError
+        If there is no target, or one is no camera.
 
     Examples
     --------
@@ -77,6 +83,7 @@ def warps(
     >>> [row["splat"] for row in rows]
     [1, 'mesh']
     """
+    targets = _some("targets", targets)
     image = quality.textured(scene, camera, grain=grain)
     truths = [quality.textured(scene, target, grain=grain) for target in targets]
     known = [quality.seen(scene, truth, camera) for truth in truths]
@@ -111,7 +118,13 @@ def construction(
     list of dict
         `merged`, `splat`, `rms` and `holes` as in `warps`, `bytes`, `samples`, `time` of warping to all targets,
         `times`.
+
+    Raises
+    ------
+    ValueError
+        If there is no camera or no target, or one is no camera.
     """
+    cameras, targets = _some("cameras", cameras), _some("targets", targets)
     images = [quality.textured(scene, camera, grain=grain) for camera in cameras]
     truths = [quality.textured(scene, target, grain=grain) for target in targets]
     layered = {count: LayeredDepthImage.build(images[0], images[1 : 1 + count]) for count in merged}
@@ -169,7 +182,7 @@ def budgets(
     """
 
     def measure(share: float, method: Any, target: float, **chosen: Any) -> lab.Row:
-        budget = int(share * len(scene))
+        budget = int(checked_number("share", share) * len(scene))
         place = partial(place_images, scene, budget, int(target * budget), method=method, progress=False)
         plan, seconds = lab.elapsed(partial(place, **options, **chosen))
         found = plan.check(frames, seed=seed, progress=False)
@@ -430,7 +443,13 @@ def portal_images(
     list of dict
         `kind`, `step`, `images`, `faces` drawn a frame (mean), `portals` (faces without pictures, through portals),
         `rms` (root mean square of pixels that show pictures, of 255).
+
+    Raises
+    ------
+    ValueError
+        If there is no camera, or one is none.
     """
+    cameras = _some("cameras", cameras)
     through = [len(building.visible(camera)) for camera in cameras]
 
     def measure(kind: Any, step: float) -> lab.Row:
@@ -453,7 +472,16 @@ def portal_images(
     return lab.sweep({"kind": kinds, "step": steps}, measure, progress=progress, desc="portal images")
 
 
+def _some(name: str, cameras: Sequence[Camera]) -> list[Camera]:
+    """At least one camera."""
+    found = checked_sequence(name, cameras, Camera)
+    if not found:
+        raise ValueError(f"{name} is empty: at least one is needed")
+    return found
+
+
 def _figures(out: Sequence[Any], truths: Sequence[DepthImage]) -> lab.Row:
     off = [(w.color.astype(float) - t.color)[~w.hole & ~t.missing].ravel() for w, t in zip(out, truths, strict=True)]
     holes = [(w.hole & ~t.missing).sum() / max(1, (~t.missing).sum()) for w, t in zip(out, truths, strict=True)]
-    return {"rms": float(np.sqrt(np.mean(np.concatenate(off) ** 2))), "holes": float(np.mean(holes))}
+    pixels = np.concatenate(off)
+    return {"rms": float(np.sqrt(np.mean(pixels**2))) if len(pixels) else None, "holes": float(np.mean(holes))}

@@ -50,6 +50,8 @@ def named(cameras: Mapping[str, Camera]) -> dict[str, Camera]:
     if not isinstance(cameras, Mapping):
         raise ValueError(f"cameras must be a mapping from names to cameras, got a {type(cameras).__name__}")
     for name, camera in cameras.items():
+        if not isinstance(name, str):
+            raise ValueError(f"cameras must be named by text, got {name!r}")
         if not isinstance(camera, Camera):
             raise ValueError(f"cameras[{name!r}] must be a Camera, got a {type(camera).__name__}")
     return dict(cameras)
