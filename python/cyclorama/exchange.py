@@ -233,7 +233,7 @@ def _free(name: str, taken: set[str]) -> str:
 
 def _colors(mask: Mask, colors: tuple[Rgb, Rgb]) -> npt.NDArray[np.uint8]:
     seen, never = _checked(colors)
-    return np.where(mask[:, None], seen, never)
+    return np.asarray(np.where(mask[:, None], seen, never))
 
 
 def _checked(colors: tuple[Rgb, Rgb]) -> npt.NDArray[np.uint8]:
