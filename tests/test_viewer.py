@@ -1,5 +1,6 @@
 """A bake as a page, looked at in a browser."""
 
+import base64
 import io
 from types import SimpleNamespace
 
@@ -160,6 +161,42 @@ def test_a_widget_has_the_same_content(gear, scripts):
     scene, vis = gear
     shown = viewer.widget(vis, scene, height=300)
     assert shown.height == 300 and "export" in shown._esm and shown.data.startswith(b'{"values"')
+
+
+#: What a notebook does with a widget: it gives `render` a model and an element, and tells of changes.
+NOTEBOOK = """<!doctype html><div id="here"></div><script type="module">
+const bytes = Uint8Array.from(atob("{data}"), (c) => c.charCodeAt(0));
+const values = {{ data: new DataView(bytes.buffer), height: 300, direction: [0, 0, 1] }};
+const heard = {{}};
+const model = {{
+  get: (name) => values[name],
+  on: (what, call) => (heard[what] = call),
+  off: (what) => delete heard[what],
+}};
+const {{ default: widget }} = await import("data:text/javascript;base64,{script}");
+const end = widget.render({{ model, el: document.getElementById("here") }});
+window.notebook = {{ end, heard, turn(way) {{ values.direction = way; heard["change:direction"](); }} }};
+</script>"""
+
+
+def test_a_notebook_shows_the_widget_turns_it_and_takes_it_away(gear, running, tmp_path):
+    need("anywidget")
+    scene, vis = gear
+    shown = viewer.widget(vis, scene, height=300)
+    data, script = (base64.b64encode(part).decode() for part in (shown.data, shown._esm.encode()))
+    (tmp_path / "notebook.html").write_text(NOTEBOOK.format(data=data, script=script))
+    with page_of(running, (tmp_path / "notebook.html").as_uri()) as page:
+        page.wait_for_function("window.notebook", timeout=60_000)
+        assert page.locator("#here").bounding_box()["height"] == 300
+        assert page.text_content("[data-figure=faces]") == f"{len(scene):,}"
+        for way in ([1, 0.2, 0.1], [0.2, -0.4, -1]):
+            page.evaluate("way => window.notebook.turn(way)", way)
+            eye = vis.sphere.center + vis.sphere.radius * vis.distances[0] * np.array(way) / np.linalg.norm(way)
+            answer = vis.visible_faces(eye)
+            assert page.text_content("[data-figure=drawn]") == f"{len(answer):,}"
+        page.evaluate("window.notebook.end()")
+        assert page.locator("canvas").count() == 0
+        assert page.evaluate("Object.keys(window.notebook.heard)") == []
 
 
 @pytest.mark.parametrize("sizes", [(0,), (1, 7, 8), (9, 100, 3)])
