@@ -239,6 +239,9 @@ def test_the_command_bakes_and_says_what_it_wrote(tmp_path, monkeypatch, capsys)
     assert main(["walk", "box.ply", "--track", "track.json", *asked]) == 0
     assert "2 along 0.2" in capsys.readouterr().out
     assert main(["walk", "walk", "--bake-only"]) == 0
+    for port in ("x", "65536", "-1"):
+        assert main(["walk", "walk", f"--port={port}"]) == 2
+        assert f"argument --port: '{port}' is no port: a whole number from 0 to 65535" in capsys.readouterr().err
     assert main(["walk", "box.ply", *asked]) == 2
     assert "--track FILE says where to go" in capsys.readouterr().err
     (tmp_path / "track.json").write_text('{"spline": true}')

@@ -559,7 +559,7 @@ def _parser() -> _Parser:
     walk.add_argument("--up", type=_eye, default=[0.0, 1.0, 0.0], metavar="X,Y,Z", help="(0,1,0)")
     walk.add_argument("--bake-only", action="store_true", help="write the folder and serve nothing")
     walk.add_argument("--host", default="127.0.0.1", help="who may see it: this machine alone by default")
-    walk.add_argument("--port", type=int, default=8437, help="(%(default)s)")
+    walk.add_argument("--port", type=_port, default=8437, help="(%(default)s); 0 takes one that is free")
     walk.add_argument("--open", action="store_true", help="open the page in a browser")
 
     strip = _command(commands, "strip", _strip, "write a mesh without the faces that nobody can ever see")
@@ -624,6 +624,12 @@ def _count(word: str) -> int:
     if count < 1:
         raise argparse.ArgumentTypeError(f"must be at least 1, got {count}")
     return count
+
+
+def _port(word: str) -> int:
+    if not (re.fullmatch(r"\d+", word) and int(word) < 65536):
+        raise argparse.ArgumentTypeError(f"{word!r} is no port: a whole number from 0 to 65535")
+    return int(word)
 
 
 def _budget(word: str) -> tuple[float, bool]:

@@ -271,6 +271,10 @@ def _check_format(out: Path) -> None:
         raise ImportError("writing meshes needs trimesh: pip install 'cyclorama[mesh]'") from error
     try:
         written = trimesh.Scene(trimesh.creation.box()).export(file_type=out.suffix[1:].lower())
+    except ImportError as error:
+        raise ImportError(
+            f"{out}: trimesh needs {error.name} to write {out.suffix}: pip install {error.name}"
+        ) from error
     except (ValueError, KeyError) as error:
         raise ValueError(f"{out}: trimesh does not write {out.suffix or 'files without an ending'}: {error}") from error
     if not isinstance(written, str | bytes):

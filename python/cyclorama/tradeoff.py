@@ -243,7 +243,7 @@ def _judge(vis: Visibility, test: _Test, size: int) -> Row:
         "missed_worst": max(missed),
         "culled": culled,
         "backfacing": away,
-        "occluded": None if away is None else culled - away,
+        "occluded": None if away is None else max(culled - away, 0.0),
         "drawn": 1 - culled,
         "false": float(np.mean(false)),
         "query": statistics.median(row["time"] for row in asked),
