@@ -27,7 +27,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
+from PIL import Image, ImageDraw
 
 import bench
 import cyclorama as cyc
@@ -198,12 +198,20 @@ def speed(backdrops: Backdrops, eyes: np.ndarray, gazes: np.ndarray, rounds: int
 def picture(backdrops: Backdrops, eye: np.ndarray, gaze: np.ndarray, path: Path) -> None:
     """A frame as it truly is, which of its pixels show the backdrop, and in the displays; holes are magenta."""
     size = (SIZE[0] * 2 // 3, SIZE[1] * 2 // 3)
-    drawn = [backdrops.draw(eye, gaze, size, display=display) for display in ("ldi", "warp", "quad", "geometry")]
-    truth = backdrops.color(backdrops.scene.render(drawn[0].camera))
-    pale = np.where(drawn[0].backdrop[..., None], truth, (0.35 * truth + 160).astype(np.uint8))
-    shown = [np.where(frame.hole[..., None], np.array([255, 0, 255], np.uint8), frame.color) for frame in drawn]
-    rows = [np.hstack([truth, pale, shown[0]]), np.hstack(shown[1:])]
-    Image.fromarray(np.vstack(rows)).save(path)
+    drawn = {
+        display: backdrops.draw(eye, gaze, size, display=display) for display in ("ldi", "warp", "quad", "geometry")
+    }
+    truth = backdrops.color(backdrops.scene.render(drawn["ldi"].camera))
+    pale = np.where(drawn["ldi"].backdrop[..., None], truth, (0.35 * truth + 160).astype(np.uint8))
+    panels = {"the truth": truth, "of it the backdrop": pale}
+    for display, frame in drawn.items():
+        panels[f'display="{display}"'] = np.where(frame.hole[..., None], np.array([255, 0, 255], np.uint8), frame.color)
+    sheet = Image.new("RGB", (3 * (size[0] + 6) - 6, 2 * (size[1] + 22)), "white")
+    for place, (title, panel) in enumerate(panels.items()):
+        x, y = place % 3 * (size[0] + 6), place // 3 * (size[1] + 22)
+        ImageDraw.Draw(sheet).text((x + size[0] / 2, y + 11), title, "black", anchor="mm", font_size=13)
+        sheet.paste(Image.fromarray(panel), (x, y + 22))
+    sheet.save(path)
 
 
 def half_a_pixel(backdrops: Backdrops, eyes: np.ndarray, gazes: np.ndarray) -> float:

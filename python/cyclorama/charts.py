@@ -123,6 +123,8 @@ def _kept(figure: Any, path: str | os.PathLike[str] | None) -> Any:
 
 def scatter(rows: list[lab.Row], cost: str, error: str, by: str | None, path: str | os.PathLike[str] | None) -> Any:
     """Error against cost of any rows; see `lab.draw`."""
+    from matplotlib.ticker import EngFormatter
+
     front = lab.pareto(rows, cost=cost, error=error)
     if not front:
         raise ValueError(f"no row has both {cost!r} and {error!r}")
@@ -140,6 +142,9 @@ def scatter(rows: list[lab.Row], cost: str, error: str, by: str | None, path: st
         panel.plot(x, y, style, color=COLORS[number % len(COLORS)], label=name, markeredgecolor="white")
     panel.set_xlabel(cost, color=INK)
     panel.set_ylabel(error, color=INK)
+    for axis, name in ((panel.xaxis, cost), (panel.yaxis, error)):
+        if name in UNITS:
+            axis.set_major_formatter(EngFormatter(unit=UNITS[name], sep=" "))
     _plain(panel)
     if by is not None:
         panel.legend(frameon=False, fontsize=9)
