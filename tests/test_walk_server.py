@@ -376,6 +376,21 @@ def test_the_page_says_when_the_server_is_gone(walk, running):
     page.close()
 
 
+def test_a_package_without_pages_says_so_in_the_page(walk, running, monkeypatch):
+    def script(name):
+        raise FileNotFoundError(f"{name}.js is not in this package")
+
+    monkeypatch.setattr(panorama.server, "script", script)
+    with serving(walk) as address:
+        assert get(address + "walk.js")[::2] == (404, b"walk.js is not in this package\n")
+        assert get(address + "manifest.json")[0] == 200, "clients need no page"
+        page = running.new_page(viewport={"width": 300, "height": 200})
+        page.goto(address)
+        said = "document.getElementById('status').textContent"
+        page.wait_for_function(f"{said}.includes('walk.js is not in this package')", timeout=20_000)
+        page.close()
+
+
 def test_a_cache_in_the_page_keeps_to_its_bytes(url, running):
     limit = 3_000_000
     with page_of(running, f"{url}?cache={limit}", 240, 180) as page:

@@ -163,7 +163,10 @@ def application(walk: Store | str | os.PathLike[str], *, cache: int = 256 << 20)
         return answer(request, hashlib.sha256(content).hexdigest(), kind, lambda: content)
 
     def walk_script(request: Request) -> Response:
-        return known(request, "text/javascript", script("walk").encode())
+        try:
+            return known(request, "text/javascript", script("walk").encode())
+        except FileNotFoundError as error:
+            return refuse(404, str(error))
 
     def manifest(request: Request) -> Response:
         return known(request, "application/json", plain)
