@@ -182,36 +182,52 @@ def test_a_bake_within_an_error_on_threads_has_the_same_bits(scene):
     assert found.statement == expected.statement
 
 
+class Killing:
+    """Kills a worker of a cluster, once, when so much is done."""
+
+    def __init__(self, cluster, after):
+        self.cluster, self.after, self.killed = cluster, after, None
+        self.pids = list(cluster.run(os.getpid).values())
+
+    def __call__(self, done):
+        if done >= self.after and self.killed is None:
+            self.killed = self.pids[0]
+            os.kill(self.killed, signal.SIGKILL)
+
+    def check(self):
+        assert self.killed is not None
+        assert self.killed not in self.cluster.run(os.getpid).values()
+
+
 def test_a_bake_on_a_cluster_has_the_same_bits_though_a_worker_is_killed(cluster, scene, alone):
-    killed = []
-    pids = list(cluster.run(os.getpid).values())
-
-    def kill(done):
-        if done > 60 and not killed:
-            killed.append(pids[0])
-            os.kill(pids[0], signal.SIGKILL)
-
+    kill = Killing(cluster, 60)
     same(cyc.bake(scene, **BAKE | {"progress": kill}, executor=cluster), alone)
-    assert killed
-    assert pids[0] not in cluster.run(os.getpid).values()
+    kill.check()
 
 
 def test_the_cluster_s_own_executor_will_do(cluster, scene, alone):
     same(cyc.bake(scene, **BAKE, executor=cluster.get_executor()), alone)
 
 
-def test_backdrops_are_painted_on_a_cluster_with_the_same_bits(cluster, tmp_path):
+def test_backdrops_are_painted_on_a_cluster_with_the_same_bits_though_a_worker_is_killed(cluster, tmp_path):
     scene = cyc.scenes.pipes(1000)
     plan = FewImages(scene, [(0.1, 0.0, 1.6), (0.0, 0.1, 1.2)], 1.3)
     used = painting.uses(plan, 1500)
-    folders = []
+    folders, kill = [], Killing(cluster, 1)
     for name, options in (("here", {"threads": 1}), ("there", {"executor": cluster})):
         made = Backdrops(plan, scene, tmp_path / name, size=(32, 24), construction=1, spread=1.5, max_error=80.0)
         made._uses = used
         done = []
-        assert made.paint(**options, progress=done.append) == 2
+
+        def report(count, done=done, name=name):
+            done.append(count)
+            if name == "there":
+                kill(count)
+
+        assert made.paint(**options, progress=report) == 2
         assert done[-1] == 2
         folders.append(made)
+    kill.check()
     here, there = folders
     keys = [key for index in (0, 1) for key in here.leaves(index)]
     assert keys == [key for index in (0, 1) for key in there.leaves(index)]
@@ -223,6 +239,23 @@ def test_backdrops_are_painted_on_a_cluster_with_the_same_bits(cluster, tmp_path
         assert here.notes.get(key) == there.notes.get(key)
     for made in folders:
         made.close()
+
+
+def test_what_boxes_see_has_the_same_bits_though_a_worker_is_killed(cluster, monkeypatch):
+    scene = cyc.scenes.pipes(3000)
+    options = {"budget": 2200, "visibility": 2, "leaf_depth": 4, "progress": False}
+    kill, run = Killing(cluster, 2), executors.Team.run
+
+    def noted(self, function, tasks):
+        for done, result in enumerate(run(self, function, tasks)):
+            kill(done)
+            yield result
+
+    monkeypatch.setattr(executors.Team, "run", noted)
+    there, here = (cyc.place_images(scene, **options, executor=executor) for executor in (cluster, None))
+    kill.check()
+    np.testing.assert_array_equal(there.sight.visible, here.sight.visible)
+    np.testing.assert_array_equal(there.parameters, here.parameters)
 
 
 def test_plans_go_to_other_processes_and_what_boxes_see_comes_from_an_executor(monkeypatch):
