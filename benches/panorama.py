@@ -155,7 +155,7 @@ def tables(name, scene, track, up, size, views, references, alphas, view_size):
 
 
 def quality(name, scene, track, up, size, shares, counts):
-    """PSNR and holes of views half-way between two references; and what the reference's own view has of resolution."""
+    """PSNR and holes of views half-way between two references; the PSNR that the reference's own view has, too."""
     print(f"\n{name}: views half-way between references; spacing in shares of the median range")
     renderer = BuiltIn(scene, texture=partial(cyc.quality.paint, grain=scene.radius / 40))
     panorama = cyc.panorama.Projection(size=size, up=up)
@@ -184,7 +184,8 @@ def quality(name, scene, track, up, size, shares, counts):
         return color, ~known
 
     decibels, _ = compared(track.at(0.0), own)
-    print(f"the unsplit panorama itself, from its viewpoint: {np.mean(decibels):.1f} dB, worst {min(decibels):.1f}")
+    there = float(np.mean(decibels))
+    print(f"the unsplit panorama itself, from its viewpoint: {there:.1f} dB, worst {min(decibels):.1f}")
     survey = Survey(renderer, track, 3, size, places=[0.0, 1.0], up=up, progress=False)
     off = np.mean((survey.references[0].panorama().astype(float) - whole) ** 2)
     print(f"composed slabs differ from it by {off:.3g} levels, mean square", flush=True)
@@ -208,24 +209,28 @@ def quality(name, scene, track, up, size, shares, counts):
                 f"{share:7.3f}  {slabs:5d} {np.mean(decibels):5.1f} {min(decibels):7.1f} {np.mean(holes):7.3%}",
                 flush=True,
             )
-    return lines
+    return lines, there
 
 
 def chart(found, path):
-    """Decibels over spacing, a line for each number of slabs, a panel for each scene."""
+    """Decibels over spacing, a line for each number of slabs, a panel for each scene with its own scale."""
     import matplotlib.pyplot as plt
 
-    figure, panels = plt.subplots(1, len(found), figsize=(4.5 * len(found), 3.4), sharey=True, squeeze=False)
-    for panel, (name, lines) in zip(panels[0], found.items(), strict=True):
+    figure, panels = plt.subplots(1, len(found), figsize=(4.8 * len(found), 3.4), squeeze=False)
+    for panel, (name, (lines, there)) in zip(panels[0], found.items(), strict=True):
         for slabs, points in lines.items():
             shares, decibels = np.transpose(sorted(points))
-            panel.plot(100 * shares, decibels, marker="o", markersize=3, label=f"{slabs} slab{'s' * (slabs > 1)}")
-        panel.axhline(30, color="grey", linewidth=0.8, linestyle=":")
+            # Where more slabs change nothing, their smaller dots lie on those of fewer.
+            size = 4 + 1.5 * (max(lines) - slabs)
+            label = f"{slabs} slab{'s' * (slabs > 1)}"
+            panel.plot(100 * shares, decibels, marker="o", markersize=size, linewidth=1, label=label)
+        panel.axhline(there, color="black", linewidth=1, linestyle=":", label="at a reference")
         panel.set(title=name, xscale="log", xlabel="spacing, % of the median range")
         panel.set_xticks([2.5, 5, 10, 20], ["2.5", "5", "10", "20"])
         panel.minorticks_off()
+        panel.margins(y=0.1)
     panels[0][0].set_ylabel("PSNR half-way, dB")
-    panels[0][0].legend(fontsize=8)
+    panels[0][0].legend(fontsize=7, ncols=2)
     figure.tight_layout()
     figure.savefig(path, dpi=110)
 
@@ -237,7 +242,7 @@ def main():
     parser.add_argument("--view-size", type=int, nargs=2, default=(320, 240), help="of those views")
     parser.add_argument("--references", type=int)
     parser.add_argument("--alphas", type=float, nargs="+", default=[1.0, 0.9, 0.8])
-    parser.add_argument("--scene", choices=("castle", "open", "level"))
+    parser.add_argument("--scene", choices=("castle", "open", "level"), nargs="+", default=["castle", "open", "level"])
     parser.add_argument("--shares", type=float, nargs="+", default=[0.025, 0.05, 0.1, 0.2], help="spacings")
     parser.add_argument("--slabs", type=int, nargs="+", default=[1, 2, 3, 4, 5])
     parser.add_argument("--chart", type=Path, help="where to draw what --part quality finds")
@@ -248,7 +253,7 @@ def main():
     size, references = (columns, columns // 4), given.references or (4 if given.quick else 10)
     found = {}
     for name, make in (("castle", castle), ("open", spacious), ("level", level)):
-        if given.scene not in (None, name) or (made := make()) is None:
+        if name not in given.scene or (made := make()) is None:
             continue
         scene, track, up = made
         if given.part in (None, "tables"):
