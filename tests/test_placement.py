@@ -7,6 +7,7 @@ import pytest
 
 import cyclorama as cyc
 from cyclorama import _core, placement
+from cyclorama.placement import search
 from cyclorama.placement.verify import cell_boxes, check_proof, verify
 
 BUDGET = 12_000
@@ -252,6 +253,12 @@ def test_a_budget_above_the_scene_needs_no_image(scene):
 def test_bad_arguments_are_named(scene, arguments, words):
     with pytest.raises(ValueError, match=words):
         cyc.place_images(scene, **({"budget": BUDGET, "progress": False} | arguments))
+
+
+def test_a_budget_that_is_enough_where_the_proof_stopped_is_not_said_to_be_too_small():
+    said = search._too_small(3000, 7, 1525, [-0.91, -0.49, -0.84], 30.8, 0.0, 374)
+    assert said.startswith("no proof was found for budget 3000: an eye at [-0.91, -0.49, -0.84]")
+    assert "can be served with 1525 faces" in said
 
 
 def test_scenes_without_room_are_refused():
