@@ -62,7 +62,7 @@ def lines(
     Parameters
     ----------
     series : mapping of str to pair of (N,) array_like
-        What the legend says, and the values along x and y.
+        What the legend says, and the values along x and y; those along x may be names.
     x, y, title : str
         What is written beside the axes and above.
     limits : mapping of str to float, optional
