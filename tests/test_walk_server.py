@@ -391,6 +391,15 @@ def test_a_package_without_pages_says_so_in_the_page(walk, running, monkeypatch)
         page.close()
 
 
+@pytest.mark.parametrize("odd", ["t=a&yaw=b&pitch=&fov=c&cache=d", "t=7&fov=0", "t=-1&fov=400", "cache=-5"])
+def test_an_address_with_odd_numbers_shows_a_picture(url, running, odd):
+    with page_of(running, f"{url}?{odd}", 240, 180) as page:
+        shown = picture(page)
+        state = page.evaluate("window.cyclorama.state()")
+        assert 0 <= state["t"] <= 1 and 5 <= state["fov"] <= 150
+        assert len(np.unique(shown.reshape(-1, 3), axis=0)) > 1
+
+
 def test_a_cache_in_the_page_keeps_to_its_bytes(url, running):
     limit = 3_000_000
     with page_of(running, f"{url}?cache={limit}", 240, 180) as page:

@@ -13,6 +13,12 @@ const FAST = 25; // below which they have more
 const COARSEST = 0.4; // of the pixels of a row, while moving
 const asked = new URLSearchParams(location.search);
 
+/** A number of the address, or the usual one where it has none. */
+function given(name, usual, least = -Infinity, most = Infinity) {
+  const value = Number(asked.get(name) ?? usual);
+  return Number.isFinite(value) ? Math.min(Math.max(value, least), most) : usual;
+}
+
 const canvas = document.getElementById("picture");
 const status = document.getElementById("status");
 const slider = document.getElementById("place");
@@ -25,12 +31,12 @@ async function start() {
   if (!response.ok) throw new Error(await response.text());
   const walk = await response.json();
   const stage = new Stage(walk, canvas);
-  const tiles = new Tiles(walk, Number(asked.get("cache") || CACHE), (sector) => stage.drop(sector));
+  const tiles = new Tiles(walk, given("cache", CACHE, 0), (sector) => stage.drop(sector));
   const now = {
-    t: Number(asked.get("t") || 0),
-    yaw: (Number(asked.get("yaw") || 0) * Math.PI) / 180,
-    pitch: (Number(asked.get("pitch") || 0) * Math.PI) / 180,
-    fov: Number(asked.get("fov") || 60),
+    t: given("t", 0, 0, 1),
+    yaw: (given("yaw", 0) * Math.PI) / 180,
+    pitch: (given("pitch", 0) * Math.PI) / 180,
+    fov: given("fov", 60, 5, 150),
     travel: 1,
     slabs: walk.slabs.map(() => true),
     complete: false,
