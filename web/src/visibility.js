@@ -92,7 +92,7 @@ function idBytes(count) {
 
 function corners(faces) {
   const index = new Uint32Array(3 * faces.length);
-  faces.forEach((face, at) => index.set([3 * face, 3 * face + 1, 3 * face + 2], 3 * at));
+  for (let at = 0; at < index.length; at++) index[at] = 3 * faces[(at / 3) | 0] + (at % 3);
   return new THREE.BufferAttribute(index, 1);
 }
 
@@ -252,6 +252,7 @@ export function mount(element, data) {
   const now = { eye: new THREE.Vector3(), cell: -1, drawn: [], set: new Uint8Array(data.faceCount), missed: null };
   let pending = 0;
   let drawing = false;
+  let indexed = null; // the cell whose faces are drawn, -1 for all
 
   /** Puts the view so far away in a direction that the model fills two thirds of it, however far the samples are. */
   function look(direction) {
@@ -323,12 +324,12 @@ export function mount(element, data) {
     if (controls.patches.checked && !labelColors) labelColors = new THREE.BufferAttribute(patchColors(data), 3);
     for (const shape of [geometry, glass]) shape.setAttribute("color", controls.patches.checked ? labelColors : ownColors);
     const culls = controls.cull.checked;
-    if (clear.length) {
-      for (const [shape, faces] of [[geometry, solid], [glass, clear]]) {
-        shape.setIndex(corners(culls ? faces.filter((face) => now.set[face]) : faces));
-      }
-    } else {
-      geometry.setIndex(culls ? corners(now.drawn) : null);
+    const asked = culls ? now.cell : -1;
+    if (asked !== indexed) {
+      indexed = asked;
+      const shown = clear.length ? [[geometry, solid], [glass, clear]] : [];
+      for (const [shape, faces] of shown) shape.setIndex(corners(culls ? faces.filter((face) => now.set[face]) : faces));
+      if (!clear.length) geometry.setIndex(culls ? corners(now.drawn) : null);
     }
     sphere.visible = controls.sphere.checked;
     cellMesh.visible = eyeMark.visible = !controls.follow.checked; // else they are before the model
