@@ -68,6 +68,35 @@ def test_rotations_are_those_of_scipy(quaternion):
     np.testing.assert_allclose(pose.rotation(pose.quaternion(matrix)), matrix, atol=1e-12)
 
 
+@pytest.mark.parametrize(
+    ("number", "model", "lens"),
+    [
+        (2, "SIMPLE_RADIAL", [50, 31, 23, 0]),
+        (3, "RADIAL", [50, 31, 23, 0, 0]),
+        (4, "OPENCV", [50, 51, 31, 23, 0, 0, 0, 0]),
+    ],
+)
+def test_colmap_models_with_distortion_are_read_where_it_is_zero(tmp_path, number, model, lens):
+    def files(parameters):
+        text = f"8 {model} 64 48 " + " ".join(map(str, parameters))
+        (tmp_path / "text").mkdir(exist_ok=True)
+        (tmp_path / "text" / "cameras.txt").write_text(text + "\n")
+        (tmp_path / "text" / "images.txt").write_text("1 1 0 0 0 0 0 4 8 a.png\n\n")
+        (tmp_path / "binary").mkdir(exist_ok=True)
+        packed = struct.pack(f"<QiiQQ{len(lens)}d", 1, 8, number, 64, 48, *parameters)
+        (tmp_path / "binary" / "cameras.bin").write_bytes(packed)
+        image = struct.pack("<Qi7di", 1, 1, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 4.0, 8) + b"a.png\0" + struct.pack("<Q", 0)
+        (tmp_path / "binary" / "images.bin").write_bytes(image)
+        return [tmp_path / kind for kind in ("text", "binary")]
+
+    for folder in files(lens):
+        camera = read_colmap(folder)["a.png"]
+        np.testing.assert_array_equal(camera.K, [[50, 0, 31], [0, lens[1] if model == "OPENCV" else 50, 23], [0, 0, 1]])
+    for folder in files([*lens[:-1], 0.1]):
+        with pytest.raises(ValueError, match=f"camera 8 is {model}, which has distortion .*0.1"):
+            read_colmap(folder)
+
+
 def test_a_binary_colmap_model_is_read_as_its_format_says(tmp_path):
     camera = struct.pack("<Q", 2) + struct.pack("<iiQQ3d", 7, 0, 640, 480, 500.0, 320.0, 240.0)
     camera += struct.pack("<iiQQ4d", 8, 1, 64, 48, 50.0, 51.0, 31.0, 23.0)

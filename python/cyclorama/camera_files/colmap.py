@@ -18,8 +18,16 @@ __all__ = ["read_colmap", "write_colmap"]
 
 PathLike = str | os.PathLike[str]
 
-#: Camera models without distortion, by their number in binary files, and how many parameters each has.
-_COLMAP_MODELS = {0: ("SIMPLE_PINHOLE", 3), 1: ("PINHOLE", 4)}
+#: Camera models, by their number in binary files, and how many parameters each has: one focal length or two, the
+#: principal point, and then distortion, which has to be zero.
+_COLMAP_MODELS = {
+    0: ("SIMPLE_PINHOLE", 3),
+    1: ("PINHOLE", 4),
+    2: ("SIMPLE_RADIAL", 4),
+    3: ("RADIAL", 5),
+    4: ("OPENCV", 8),
+}
+_TWO_FOCAL_LENGTHS = ("PINHOLE", "OPENCV")
 
 
 class _Distorted(ValueError):
@@ -186,4 +194,11 @@ def _lens(number: int, model: str, width: int, height: int, parameters: Floats) 
         raise _Distorted(f"camera {number} is {model}, which has distortion: undistort the images first")
     if len(parameters) != counts[model]:
         raise ValueError(f"camera {number} is {model} with {counts[model]} parameters, got {len(parameters)}")
-    return width, height, parameters if model == "PINHOLE" else parameters[[0, 0, 1, 2]]
+    own, bent = (
+        (parameters[:4], parameters[4:]) if model in _TWO_FOCAL_LENGTHS else (parameters[[0, 0, 1, 2]], parameters[3:])
+    )
+    if bent.any():
+        raise _Distorted(
+            f"camera {number} is {model}, which has distortion {bent.tolist()}: undistort the images first"
+        )
+    return width, height, own
