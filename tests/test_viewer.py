@@ -88,6 +88,34 @@ def share_shown(page):
     return (picture[..., 0] > picture[..., 2] + 30).mean()
 
 
+@pytest.mark.parametrize("up", [(0, 1, 0), (0, 0, 2), (0, -1, 0), (1, 1, 0)])
+def test_what_is_up_is_up_and_stays_so_while_one_turns(gear, running, tmp_path, up):
+    scene, vis = gear
+    viewer.write_page(vis, scene, tmp_path / "gear.html", up=up)
+    with page_of(running, (tmp_path / "gear.html").as_uri()) as page:
+        covered_in_page(page)
+        page.focus("canvas")
+        eyes = []
+        for key in ("ArrowRight", "ArrowUp", "ArrowLeft", "ArrowDown"):
+            page.keyboard.press(key)
+            page.wait_for_timeout(100)
+            state = page.evaluate(STATE)
+            eye, axis = np.array(state["eye"]), np.array(up) / np.linalg.norm(up)
+            upward = axis - (axis @ eye) * eye / (eye @ eye)
+            assert np.array(state["up"]) @ upward / np.linalg.norm(upward) > 0.999
+            eyes.append(eye)
+        assert eyes[0] @ axis == pytest.approx(eyes[3] @ axis, abs=1e-6)
+        assert eyes[1] @ axis > eyes[0] @ axis + 0.1, "the arrow up goes up"
+
+
+def test_what_is_no_direction_is_not_up(gear, tmp_path):
+    scene, vis = gear
+    for up in ((0, 0, 0), "x", (1, 2), (np.nan, 0, 1)):
+        with pytest.raises(ValueError, match="up must be"):
+            viewer.write_page(vis, scene, tmp_path / "page.html", up=up)
+    assert not list(tmp_path.iterdir())
+
+
 def test_transparent_faces_hide_nothing(running, tmp_path):
     ball, gear = cyc.scenes.sphere(faces=320), cyc.scenes.gear(3000)
     scene = cyc.Scene(
@@ -133,7 +161,7 @@ def test_the_eye_stays_while_the_view_turns(gear, running, tmp_path):
         for _ in range(10):
             page.keyboard.press("ArrowRight")
         page.wait_for_timeout(300)
-        assert page.evaluate(STATE) == before
+        assert page.evaluate(STATE) | {"up": None} == before | {"up": None}
         assert page.screenshot() != picture
         page.check("[name=follow]")
         page.wait_for_timeout(300)

@@ -378,7 +378,7 @@ def _view(asked: argparse.Namespace) -> int:
     mesh = asked.mesh if asked.mesh is not None else _mesh_of(asked.file)
     vis, scene = Visibility.load(asked.file), loading.load(mesh)
     plan = None if asked.plan is None else Plan.load(asked.plan, scene)
-    write_page(vis, scene, out, plan=plan, title=asked.file.stem)
+    write_page(vis, scene, out, plan=plan, title=asked.file.stem, up=asked.up)
     print(f"{out}, {out.stat().st_size:,} bytes: open it in a browser")
     if asked.open:
         import webbrowser
@@ -583,6 +583,7 @@ def _parser() -> _Parser:
     view.add_argument("--mesh", type=_file, help="what it was baked from; the mesh of its name beside it by default")
     view.add_argument("--plan", type=_file, metavar="FILE", help="a plan (.plan.npz), whose backdrops are shown, too")
     view.add_argument("-o", "--out", type=Path, metavar="FILE", help="FILE with .html, in this folder, by default")
+    view.add_argument("--up", type=_eye, default=[0.0, 1.0, 0.0], metavar="X,Y,Z", help="in the page (0,1,0)")
     view.add_argument("--open", action="store_true", help="open it in a browser")
 
     validate = _command(commands, "validate", _validate, "draw a mesh with every renderer there is, and compare")

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from .arguments import checked_floats
 from .bakes.visibility import Visibility
 from .files import whole_file
 from .pages import script
@@ -36,7 +37,13 @@ _PAGE = """<!doctype html>
 
 
 def write_page(
-    vis: Visibility, scene: Scene, path: str | os.PathLike[str], *, plan: Plan | None = None, title: str | None = None
+    vis: Visibility,
+    scene: Scene,
+    path: str | os.PathLike[str],
+    *,
+    plan: Plan | None = None,
+    title: str | None = None,
+    up: npt.ArrayLike = (0.0, 1.0, 0.0),
 ) -> None:
     """Writes a bake as a page that needs no network and no server: one file, to be opened in a browser.
 
@@ -55,11 +62,14 @@ def write_page(
         Its backdrops are shown as quadrilaterals.
     title : str, optional
         What stands above the figures.
+    up : (3,) array_like of float
+        What is up in the page.
 
     Raises
     ------
     ValueError
-        If `vis` was baked from another scene, or it has 2**24 faces or more, which the browser's id-buffer can't tell.
+        If `vis` was baked from another scene, it has 2**24 faces or more, which the browser's id-buffer can't tell, or
+        `up` is no direction.
     FileNotFoundError
         If the package was built without its pages.
     OSError
@@ -72,7 +82,7 @@ def write_page(
     >>> vis = cyc.bake(ball, views=6, resolution=(64, 64), progress=False)
     >>> write_page(vis, ball, "ball.html")  # doctest: +SKIP
     """
-    values, arrays = _content(vis, scene, plan, title)
+    values, arrays = _content(vis, scene, plan, title, up)
     page = _PAGE.format(
         title=html.escape(values["title"]),
         data=pack_text(values, arrays),
@@ -83,13 +93,19 @@ def write_page(
 
 
 def widget(
-    vis: Visibility, scene: Scene, *, plan: Plan | None = None, title: str | None = None, height: int = 480
+    vis: Visibility,
+    scene: Scene,
+    *,
+    plan: Plan | None = None,
+    title: str | None = None,
+    up: npt.ArrayLike = (0.0, 1.0, 0.0),
+    height: int = 480,
 ) -> Any:
     """The same as a Jupyter widget, `height` pixels high.
 
     Parameters
     ----------
-    vis, scene, plan, title
+    vis, scene, plan, title, up
         See `write_page`.
     height : int
         Of the widget in pixels.
@@ -118,16 +134,19 @@ def widget(
         height = traitlets.Int().tag(sync=True)
         direction = traitlets.List([0.0, 0.0, 1.0]).tag(sync=True)
 
-    return _Widget(data=pack(*_content(vis, scene, plan, title)), height=height)
+    return _Widget(data=pack(*_content(vis, scene, plan, title, up)), height=height)
 
 
 def _content(
-    vis: Visibility, scene: Scene, plan: Plan | None, title: str | None
+    vis: Visibility, scene: Scene, plan: Plan | None, title: str | None, up: npt.ArrayLike
 ) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
     """What the page is told: lengths in model radii, from the centre of the sampling sphere."""
     vis.check(scene)
     if len(scene) >= 1 << 24:
         raise ValueError(f"the scene has {len(scene):,} faces: a page tells fewer than 2**24 apart")
+    upward = checked_floats("up", up)
+    if upward.shape != (3,) or not np.isfinite(upward).all() or not upward.any():
+        raise ValueError(f"up must be a direction, got {up!r}")
     scale = 1.0 / vis.model_radius
 
     def seen_from_center(points: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
@@ -160,5 +179,6 @@ def _content(
         "rowBytes": 8 * rows.shape[1],
         "radius": vis.distances[0] * vis.sphere.radius * scale if np.isfinite(vis.distances[0]) else 3.0,
         "fovY": vis.settings.fov_y,
+        "up": (upward / np.linalg.norm(upward)).tolist(),
     }
     return values, arrays

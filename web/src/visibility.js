@@ -245,9 +245,12 @@ export function mount(element, data) {
   panel.append(hint);
   root.append(panel);
 
+  // From where +y is up, as three.js has it, to where the model's up is.
+  const upright = new THREE.Quaternion().setFromUnitVectors(new THREE.Vector3(0, 1, 0), new THREE.Vector3(...data.up));
+  camera.up.set(...data.up);
   const orbit = new OrbitControls(camera, renderer.domElement);
   orbit.enablePan = false;
-  look(new THREE.Vector3(0, 0, 1).applyEuler(new THREE.Euler(-0.35, 0.6, 0)));
+  look(new THREE.Vector3(0, 0, 1).applyEuler(new THREE.Euler(-0.35, 0.6, 0)).applyQuaternion(upright));
 
   const now = { eye: new THREE.Vector3(), cell: -1, drawn: [], set: new Uint8Array(data.faceCount), missed: null };
   let pending = 0;
@@ -358,10 +361,10 @@ export function mount(element, data) {
     const steps = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[event.key];
     if (!steps) return;
     event.preventDefault();
-    const place = new THREE.Spherical().setFromVector3(camera.position);
+    const place = new THREE.Spherical().setFromVector3(camera.position.applyQuaternion(upright.clone().invert()));
     place.theta += 0.08 * steps[0];
     place.phi = Math.min(Math.max(place.phi + 0.08 * steps[1], 0.01), Math.PI - 0.01);
-    camera.position.setFromSpherical(place);
+    camera.position.setFromSpherical(place).applyQuaternion(upright);
     orbit.update();
   }
 
@@ -385,7 +388,13 @@ export function mount(element, data) {
   refresh();
 
   return {
-    state: () => ({ cell: now.cell, drawn: now.drawn.length, eye: now.eye.toArray(), missed: now.missed }),
+    state: () => ({
+      cell: now.cell,
+      drawn: now.drawn.length,
+      eye: now.eye.toArray(),
+      missed: now.missed,
+      up: new THREE.Vector3().setFromMatrixColumn(camera.matrixWorld, 1).toArray(),
+    }),
     look(direction) {
       look(new THREE.Vector3().fromArray(direction));
       refresh();
