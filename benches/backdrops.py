@@ -1,7 +1,7 @@
 """Walks with backdrops: every display beside the true pictures, what a frame costs, and what could be stored once.
 
     python benches/backdrops.py [--quick] [--budget 0.2] [--faces 1000000] [--frames 200] [--until 0] [--folder DIR]
-        [--scenes ...] [--plain] [--picture FILE] [--parts walk sizes speed overlap]
+        [--scenes ...] [--plain] [--unspent] [--picture FILE] [--parts walk sizes speed overlap]
 
 A plan is placed, then a seeded path at 510 x 480 is drawn in the displays of the 1998 dissertation's section 1.4.1 and
 compared with the whole scene drawn from the same eyes, everything painted with a solid texture: flat faces would hide
@@ -9,11 +9,12 @@ errors. Images are painted when they are first needed and stay in the folder, if
 painted twice.
 
 `pixels` is the share of the pixels behind the image that are taken from it: the rest of the budget draws what is
-nearest. PSNR, `holes` and `lost` (something deeper is shown) are over those. `behind` is the PSNR over all pixels that
-truly show what the image stands for. Popping, jump and step are in grey levels of 255. *half a pixel* is what the truth
-itself loses when it is drawn half a pixel beside: no picture that is sampled anew can be much better. `--until` ends
-the walk after so many of its frames. `--picture` writes the last one: the truth, which pixels show the backdrop, and
-the layered image; below, one image warped, flat, and with geometry bent to it (`--plain`: in the scene's colours).
+nearest, but with `--unspent`. PSNR, `holes` and `lost` (something deeper is shown) are over those. `behind` is the
+PSNR over all pixels that truly show what the image stands for. Popping, jump and step are in grey levels of 255.
+*half a pixel* is what the truth itself loses when it is drawn half a pixel beside: no picture that is sampled anew
+can be much better. `--until` ends the walk after so many of its frames. `--picture` writes the last one: the truth,
+which pixels show the backdrop, and the layered image; below, one image warped, flat, and with geometry bent to it
+(`--plain`: in the scene's colours).
 
 Then, over every tenth frame: the layered image warped at smaller sizes and scaled up (4.4.3); and the whole scene in
 pyrender's OpenGL beside the faces of the plan in it with our warp (without a picture of it: flat colours). Last: how
@@ -66,6 +67,7 @@ def main() -> None:
         frames=200,
         until=0,
         plain=False,
+        unspent=False,
         picture="",
         folder="",
         scenes=["pipes", "sibenik"],
@@ -92,6 +94,7 @@ def main() -> None:
                 folder,
                 region=region,
                 construction=options.construction,
+                spend=not options.unspent,
                 color=None if options.plain else Texture(grain),
             )
             low, high = region

@@ -37,11 +37,12 @@ QUICK = ["bunny", "kitchen inside", "tree"]
 #: Seconds a view from which on a rival draws only one.
 SLOW = 0.5
 ENGINES = ("auto", "raster", "raycast")
+RIVALS = ["o3d", "emb16", "trimesh", "pyrender", "opencv"]
 
 Job = Callable[[], object]
 
 
-def jobs_of(setting: bench.Setting) -> tuple[dict[str, tuple[int, Job]], dict[str, str], list[Any]]:
+def jobs_of(setting: bench.Setting, asked: list[str]) -> tuple[dict[str, tuple[int, Job]], dict[str, str], list[Any]]:
     """How many views each job draws and the job; notes on rivals; the rivals that are there."""
     scene, cameras = setting.scene, setting.cameras
     few = cameras[:: max(1, len(cameras) // 4)]
@@ -61,7 +62,8 @@ def jobs_of(setting: bench.Setting) -> tuple[dict[str, tuple[int, Job]], dict[st
         "pyrender": lambda: rivals.Pyrender(scene),
         "opencv": lambda: rivals.OpenCV(scene),
     }
-    for name, make in makers.items():
+    for name in asked:
+        make = makers[name]
         try:
             rival = make()
         except peers.Missing as why:
@@ -86,9 +88,9 @@ def jobs_of(setting: bench.Setting) -> tuple[dict[str, tuple[int, Job]], dict[st
     return jobs, notes, here
 
 
-def race(setting: bench.Setting, rounds: int) -> tuple[dict[str, Any], dict[str, str]]:
+def race(setting: bench.Setting, asked: list[str], rounds: int) -> tuple[dict[str, Any], dict[str, str]]:
     """The row of a setting, and notes on the rivals."""
-    jobs, notes, here = jobs_of(setting)
+    jobs, notes, here = jobs_of(setting, asked)
     timed = lab.sweep({"job": jobs}, timed=lambda job: jobs[job][1], rounds=rounds, progress=False)
     notes |= {row["job"]: row["error"] for row in timed if "error" in row}
     ms = {row["job"]: row["time"] / jobs[row["job"]][0] * 1e3 for row in timed if "time" in row}
@@ -157,14 +159,14 @@ def surroundings() -> str:
 
 
 def main() -> None:
-    asked = bench.options(__doc__, views=16, rounds=5, names=list(bench.SETTINGS))
+    asked = bench.options(__doc__, views=16, rounds=5, names=list(bench.SETTINGS), rivals=RIVALS)
     names = QUICK if asked.quick else asked.names
     views, rounds = (4, 3) if asked.quick else (asked.views, asked.rounds)
     table, notes = [], {}
     for name in names:
         half = bench.SETTINGS.get(name) == "deep"
         setting = bench.setting(asked.meshes, name, max(1, views // 2) if half else views)
-        row, more = race(setting, rounds)
+        row, more = race(setting, asked.rivals, rounds)
         table.append(row)
         notes |= more
         print(f"{name}: {row['bare ms']:.2f} ms bare, {row['sure ms']:.2f} sure", flush=True)
