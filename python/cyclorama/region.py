@@ -3,23 +3,25 @@
 An eye sees in all directions through six images of 90 degrees, the sides of a cube around it. Eyes are put at the box's
 corners first, which for a convex scene is enough (how far an eye lies in front of a face's plane is largest at a
 corner). The others are on the box's edges and sides, where every line of sight leaves it; if a face reaches into the
-box, every other one is inside. They follow a low-discrepancy sequence, later only half of them: the others go where
-faces came into view, beside an eye that found new ones, nearer each time (the mutation of guided visibility sampling,
-Wonka et al. 2006, of eyes instead of rays). It ends when a run of eyes finds few new faces, or when there are no more
-eyes to spend.
+box, every other one is inside. They follow a low-discrepancy sequence. It ends when a run of eyes finds few new faces,
+or when there are no more eyes to spend. With `guided=True` half of the later eyes go where faces came into view, beside
+an eye that found new ones, nearer each time (the mutation of guided visibility sampling, Wonka et al. 2006, of eyes
+instead of rays): that finds about an eighth of what is missing, and costs the estimate, which knows even eyes.
 
 The set is *aggressive*: every face in it is seen from somewhere, but one that is seen only from a small part of the box
 may be missing. How many are, is estimated from how many faces were seen by one eye only, by two, three and four, once
 the corners have been looked from. Let a face be seen from a share p of the places that eyes are put at, and let the
 faces have the density ``p^(a - 1)`` over that share. Then those that k of n eyes see are as ``Gamma(k + a) / k!``,
-whatever n is, k = 0 included. So those that no eye saw are the faces seen by one to four eyes, times a constant,
-and each doubling of the eyes adds ``2^-a`` of what the one before added: about three quarters in a castle and in
-furnished houses, which is where a = 0.4 is from. Chao's estimate, from faces seen by one eye and by two, was a third of
-the truth there: it expects all faces to be about equally hard to see, and the hardest are not.
+whatever n is, k = 0 included; and of those that no eye saw M times as many eyes more would find the share
+``1 - (1 + M)^-a``. a = 0.4 is from a castle and from furnished houses; M = 5 is what the estimate is given for, as
+nothing tells how many faces are left when nobody looks longer. Of the four counts the first weighs most: it is the one
+that a wrong density spoils least. Chao's estimate, from faces seen by one eye and by two, was a third of the truth: it
+expects all faces to be about equally hard to see, and the hardest are not.
 
-Whether to end is asked only after each 64 eyes. Asked more often, it ends when few new faces happen to have come, and
-just then the estimate is too low. Nothing knows of faces that no eye is likely to meet: a face behind a keyhole leaves
-no trace.
+Whether to end is asked only after each 208 eyes. Asked more often, it ends when few new faces happen to have come, and
+just then the estimate is too low; with fewer the density is not yet like that. Only where 64 eyes see nothing that the
+corners have not, it ends at once. Nothing knows of faces that no eye is
+likely to meet: a face behind a keyhole leaves no trace.
 """
 
 from __future__ import annotations
@@ -44,14 +46,19 @@ Floats = npt.NDArray[np.float64]
 #: Eyes looked through in one call to the kernel.
 _STEP = 8
 
-#: Eyes after the corners that are all spread evenly; measured: until some 60 were spent, guided ones found less.
+#: Eyes after the corners that are all spread evenly, and after which it ends if they saw nothing new; measured: until
+#: some 60 were spent, guided ones found less.
 _EVENLY = 64
 
 #: What the shares of places that see faces are distributed by: their density goes as p^(this - 1). Measured, see above.
 _TAIL = 0.4
 
-#: Numbers of eyes whose faces the estimate is made from: with fewer chance decides, with more the density's other end.
-_RARE = 4
+#: How much the faces count for the estimate that one eye saw, two, three and four: with fewer chance decides, with more
+#: the density's other end.
+_WEIGHTS = np.array([8.0, 5.0, 3.0, 2.0])
+
+#: The estimate is of what so many times as many eyes more would find.
+_MORE = 5.0
 
 #: Steps of the sequence that fills a cube evenly: powers of the real root of x^4 = x + 1 (Roberts).
 CUBE_STEP = 1.2207440846057596 ** -np.arange(1.0, 4.0)
@@ -71,7 +78,8 @@ class Region:
     faces : (K,) ndarray of uint32
         Faces that some eye saw, and the transparent ones; ascending.
     unseen : float
-        How many more there may be, estimated; see the module's text. 0 for a box that is a single point.
+        How many more five times as many eyes again would find, estimated; see the module's text. 0 for a box that is a
+        single point.
     eyes : (N, 3) ndarray of float64
         From where was looked.
     first : (K,) ndarray of int64
@@ -140,10 +148,10 @@ def visible_from(
     *,
     resolution: int = 256,
     fill: Fill = "rays",
-    max_eyes: int = 256,
-    patience: int = 64,
+    max_eyes: int = 424,
+    patience: int = 208,
     least: float = 0.15,
-    guided: bool = True,
+    guided: bool = False,
     seed: int = 0,
     threads: int | None = None,
     progress: Progress = None,
@@ -163,12 +171,14 @@ def visible_from(
     max_eyes : int
         Most eyes to look from.
     patience : int
-        Eyes, after the corners, after which it is asked whether to end, each time.
+        Eyes, after the corners, after which it is asked whether to end, each time. With fewer than the default the
+        estimate is worse.
     least : float
         It ends when the next eye is expected to find at most so many new faces: those that one eye saw, over the eyes
         (Good and Turing).
     guided : bool
-        Whether every other eye goes where faces came into view; else all fill the box evenly.
+        Whether every other eye, after the first 64, goes where faces came into view; else all fill the box evenly. The
+        estimate is worse then.
     seed : int
         Where the sequence of eyes begins.
     threads : int, optional
@@ -224,10 +234,11 @@ def visible_from(
             eyes = np.concatenate([eyes, step])
             report(len(eyes))
             beyond = len(eyes) - corners
-            if beyond > 0 and beyond % patience == 0:
-                once = np.count_nonzero(sightings[first >= corners] == 1)
-                if once <= least * beyond:
-                    break
+            once = np.count_nonzero(sightings[first >= corners] == 1)
+            if beyond > 0 and beyond % patience == 0 and once <= least * beyond:
+                break
+            if beyond == _EVENLY and not (first >= corners).any():
+                break
         report(len(even))
     faces = np.flatnonzero(sightings).astype(np.uint32)
     later = faces[first[faces] >= corners] if len(eyes) > corners else faces
@@ -277,13 +288,15 @@ class _Guide:
 
 
 def _unseen(sightings: npt.NDArray[np.int64], eyes: int) -> float:
-    """How many faces no eye saw, from how many eyes saw each of the others; see the module's text."""
+    """How many faces more eyes would find, from how many eyes saw each of the others; see the module's text."""
     if eyes < 2:
         return 0.0
+    weights = _WEIGHTS[:eyes]
+    times = np.arange(1, len(weights) + 1)
     # Gamma(k + a) / (k! Gamma(a)) for k = 1, 2, ...
-    most = min(_RARE, eyes)
-    shares = np.cumprod([(k - 1 + _TAIL) / k for k in range(1, most + 1)])
-    return float(np.count_nonzero((sightings >= 1) & (sightings <= most)) / shares.sum())
+    shares = np.cumprod((times - 1 + _TAIL) / times)
+    seen = np.bincount(sightings, minlength=len(weights) + 1)[1 : len(weights) + 1]
+    return float((1 - (1 + _MORE) ** -_TAIL) * (weights @ seen) / (weights @ shares))
 
 
 def check_box(low: npt.ArrayLike, high: npt.ArrayLike) -> Floats:
