@@ -1,6 +1,7 @@
 """What is seen from boxes in a compiled level: against its potentially visible sets, Embree's rays, and long runs.
 
     python benches/regions.py [--quick] [--boxes 50] [--first 0] [--rays 10000000] [--long 1080] [--seed 21] [--out DIR]
+        [--picture FILE]
 
 Boxes lie in the open, anywhere in the level, with half sides of 16 to 64 units (a player is 56 high); sky and what is
 not drawn stop rays. *Witnesses* are confirmed where no face is nearer than the point for Embree, up to 1e-4 of the
@@ -110,7 +111,7 @@ def measured(level: Level, caster: o3d.t.geometry.RaycastingScene, box: Box, num
 
 
 def main() -> None:
-    options = bench.options(__doc__, boxes=50, first=0, rays=10_000_000, long=1080, seed=21, out="")
+    options = bench.options(__doc__, boxes=50, first=0, rays=10_000_000, long=1080, seed=21, out="", picture="")
     if options.quick:
         options.boxes, options.rays, options.long = 3, 300_000, 96
     level = Level(options.meshes)
@@ -140,7 +141,7 @@ def main() -> None:
         length = min(map(len, runs))
         left = 1 - np.mean([run[:length] for run in runs], axis=0)
         lines[kind] = (np.arange(1, length + 1), np.maximum(left, 1e-6))
-    path = bench.picture_folder() / "regions.png"
+    path = Path(options.picture) if options.picture else bench.picture_folder() / "regions.png"
     charts.lines(lines, x="eyes", y="share of faces not found yet, mean over boxes", path=path, log="xy")
     print(path)
 

@@ -13,7 +13,7 @@ may be missing. How many are, is estimated from how many faces were seen by one 
 the corners have been looked from. Let a face be seen from a share p of the places that eyes are put at, and let the
 faces have the density ``p^(a - 1)`` over that share. Then those that k of n eyes see are as ``Gamma(k + a) / k!``,
 whatever n is, k = 0 included; and of those that no eye saw M times as many eyes more would find the share
-``1 - (1 + M)^-a``. a = 0.4 is from a castle and from furnished houses; M = 5 is what the estimate is given for, as
+``1 - (1 + M)^-a``. a = 0.3 is from a castle and from furnished houses; M = 5 is what the estimate is given for, as
 nothing tells how many faces are left when nobody looks longer. Of the four counts the first weighs most: it is the one
 that a wrong density spoils least. Chao's estimate, from faces seen by one eye and by two, was a third of the truth: it
 expects all faces to be about equally hard to see, and the hardest are not.
@@ -51,7 +51,7 @@ _STEP = 8
 _EVENLY = 64
 
 #: What the shares of places that see faces are distributed by: their density goes as p^(this - 1). Measured, see above.
-_TAIL = 0.4
+_TAIL = 0.3
 
 #: How much the faces count for the estimate that one eye saw, two, three and four: with fewer chance decides, with more
 #: the density's other end.

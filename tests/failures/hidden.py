@@ -47,7 +47,7 @@ def keyhole():
     "A box's corners do not see for its inside",
     method="From-region sets",
     source="found here",
-    remedy="Eyes are added inside, toward what changed last, until few new faces come into view (`least=`).",
+    remedy="Eyes are added on its sides, edges and inside until few new faces come into view (`least=`).",
 )
 def corners_of_a_box():
     """In a room each corner of a box of eyes lacks what furniture hides from it; eyes between them find it."""
