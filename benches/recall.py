@@ -10,6 +10,7 @@ sampler that finds fewer.
 from __future__ import annotations
 
 import functools
+from pathlib import Path
 from typing import Any
 
 import bench
@@ -20,7 +21,6 @@ SAMPLERS: dict[str, dict[str, Any]] = {
     "bare": {"fill": None},
     "neighbours": {"fill": "neighbours"},
     "rays 1, 8": {"fill": "rays", "supersampling": 1, "points": 8},
-    "rays 1, 32": {"fill": "rays", "supersampling": 1, "points": 32},
     "rays 2, 16": {"fill": "rays", "supersampling": 2, "points": 16},
     "rays (default)": {"fill": "rays"},
     "rays 3, 128": {"fill": "rays", "supersampling": 3, "points": 128},
@@ -70,36 +70,38 @@ def measured(setting: bench.Setting, samplers: dict[str, dict[str, Any]], rounds
 
 
 def draw(table: list[lab.Row], path: object) -> None:
-    """Time against share found; a dashed line joins what nothing beats."""
-    import matplotlib.pyplot as plt
+    """Time against share found, a panel a scene; a dashed line joins what nothing beats."""
+    from matplotlib.figure import Figure
 
-    figure, axes = plt.subplots(figsize=(8, 5.5))
-    for place, name in enumerate(dict.fromkeys(row["scene"] for row in table)):
+    names = list(dict.fromkeys(row["scene"] for row in table))
+    figure = Figure(figsize=(9, 3.4 * -(-len(names) // 2)), layout="constrained")
+    panels = figure.subplots(-(-len(names) // 2), min(2, len(names)), squeeze=False)
+    for panel, name in zip(panels.flat, names, strict=False):
         rows = [row for row in table if row["scene"] == name]
-        color = f"C{place}"
-        points = [(row["missed, %"], row["ms a view"]) for row in rows]
-        axes.plot(*zip(*points, strict=True), "o", color=color, label=name)
-        front = [p for p in sorted(points) if not any(q != p and q[0] <= p[0] and q[1] <= p[1] for q in points)]
-        axes.plot(*zip(*front, strict=True), "--", color=color, linewidth=1)
-        for row, point in zip(rows, points, strict=True):
-            axes.annotate(row["sampler"], point, xytext=(4, 3), textcoords="offset points", fontsize=7, color=color)
-    axes.set(yscale="log", xlabel="visible faces missed, %", ylabel="ms a view, all cores")
-    axes.set_xscale("symlog", linthresh=0.01)
-    axes.set_xlim(left=0)
-    axes.grid(alpha=0.3)
-    axes.legend()
-    figure.savefig(path, dpi=150, bbox_inches="tight")
+        points = {row["sampler"]: (row["missed, %"], row["ms a view"]) for row in rows}
+        for place, (sampler, point) in enumerate(points.items()):
+            panel.plot(*point, "o", color=f"C{place}", label=sampler)
+        known = sorted(points.values())
+        front = [p for p in known if not any(q != p and q[0] <= p[0] and q[1] <= p[1] for q in known)]
+        panel.plot(*zip(*front, strict=True), "--", color="0.5", linewidth=1, zorder=0)
+        panel.set(title=name, xlabel="visible faces missed, %", ylabel="ms a view", yscale="log")
+        panel.set_xscale("symlog", linthresh=0.1)
+        panel.set_xlim(left=0)
+        panel.grid(alpha=0.3)
+    handles, labels = panels.flat[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=min(4, len(labels)), frameon=False)
+    figure.savefig(path, dpi=110)
 
 
 def main() -> None:
-    asked = bench.options(__doc__, views=3, rounds=5, names=CHARTED, seed=1)
+    asked = bench.options(__doc__, views=3, rounds=5, names=CHARTED, seed=1, picture="")
     names = asked.names[:1] if asked.quick else asked.names
     views = 1 if asked.quick else asked.views
     table: list[lab.Row] = []
     for name in names:
         table += measured(bench.setting(asked.meshes, name, views), SAMPLERS, asked.rounds, asked.seed)
     bench.show(f"{views} views at 510 x 480 of each scene, medians of {asked.rounds} interleaved rounds", table)
-    path = bench.picture_folder() / "recall.png"
+    path = Path(asked.picture) if asked.picture else bench.picture_folder() / "recall.png"
     draw(table, path)
     print(f"\nchart: {path}")
 
