@@ -123,6 +123,19 @@ def test_a_door_that_nobody_told_of_is_looked_through(home: Building) -> None:
     assert len(home.visible(camera)) <= len(completed.visible(camera)) < 0.7 * len(home.scene)
 
 
+def test_probes_look_through_glass_and_do_not_take_it_for_a_leak(two_rooms: Building) -> None:
+    """Of no walls at all: what is solid is seen from everywhere, a pane only where portals lead."""
+    scene = two_rooms.scene
+    pane = np.arange(len(scene)) // 2 == 3
+    glass = cyc.Scene(scene.vertices, scene.faces, transparent=pane)
+    completed = Building(glass, two_rooms.cells, two_rooms.portals).completed(300, progress=False)
+    assert completed.leaks.lost.any() and not completed.leaks.lost[-50:].any()
+    for before, after in zip(two_rooms.faces, completed.faces, strict=True):
+        assert np.isin(before, after).all()
+        assert set(after // 2) - set(before // 2) <= {0, 1, 2, 4}
+    assert {0, 1, 2} <= set(completed.faces[0] // 2)
+
+
 def test_none_is_lost_in_its_doors_and_from_outdoors(home: Building) -> None:
     rng = np.random.default_rng(1)
     doors = np.array([rng.dirichlet(np.ones(4)) @ portal.polygon for portal in home.portals])

@@ -70,16 +70,17 @@ class Leaks:
     lost: npt.NDArray[np.bool_]
 
     def __repr__(self) -> str:
-        since = len(self.lost) - int(np.flatnonzero(self.lost)[-1]) - 1 if self.lost.any() else len(self.lost)
-        return (
-            f"<Leaks: {int(self.lost.sum()):,} of {len(self.eyes):,} eyes saw past portals, the last {since:,} nothing>"
-        )
+        quiet = len(self.lost) - 1 - int(np.flatnonzero(self.lost).max(initial=-1))
+        seen = f"{int(self.lost.sum()):,} of {len(self.eyes):,} eyes saw past portals"
+        return f"<Leaks: {seen}, the last {quiet:,} nothing new>"
 
 
 def look(building: Building, count: int, seed: int, threads: int | None, report: Report) -> Leaks:
     """Looks from so many eyes."""
     scene = building.scene
     together = _together(np.asarray(scene.vertices, np.float64)[scene.faces].mean(axis=1))
+    # Those that let light through are in every answer: where they are seen, the portals say.
+    opaque = np.ones(len(scene), bool) if scene.transparent is None else ~scene.transparent
     extra = np.zeros((len(building.faces), len(scene)), bool)
     places = _Eyes(building, seed)
     eyes, lost = np.empty((0, 3)), np.zeros(0, bool)
@@ -92,7 +93,7 @@ def look(building: Building, count: int, seed: int, threads: int | None, report:
             held, crossed = building.places(eye)
             shown = building.kernel.walk(eye.tolist(), _EVERYWHERE, held, crossed)[0]
             flags[shown] = False
-            flags &= ~extra[held].any(axis=0)
+            flags &= opaque & ~extra[held].any(axis=0)
             lost = np.append(lost, flags.any())
             if lost[-1]:
                 extra[held[0]] |= np.isin(together, together[flags])
