@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 import cyclorama as cyc
+from cyclorama import _core
 from cyclorama.backdrop import (
     FRAMES,
     IMAGE,
@@ -287,3 +290,57 @@ def test_two_backdrops_back_to_back_show_what_each_shows_alone() -> None:
         Backdrops([drops[0], backdrop(walls, drops[0].camera, 4.0)])
     with pytest.raises(ValueError, match="backdrops is empty"):
         Backdrops([])
+
+
+def sampled(picture: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    """What the kernel does, by whole arrays."""
+    height, width = picture.shape[:2]
+    at = np.clip(pixels - 0.5, 0, (width - 1, height - 1))
+    low = np.minimum(at.astype(np.intp), (max(width - 2, 0), max(height - 2, 0)))
+    part = at - low
+    total, weight = np.zeros((len(pixels), 3)), np.zeros(len(pixels))
+    for right in range(min(2, width)):
+        for down in range(min(2, height)):
+            sample = picture[low[:, 1] + down, low[:, 0] + right]
+            share = (part[:, 0] if right else 1 - part[:, 0]) * (part[:, 1] if down else 1 - part[:, 1])
+            share = share * (sample[:, 3] > 0)
+            total += share[:, None] * sample[:, :3]
+            weight += share
+    opaque = weight >= 0.5
+    out = np.zeros((len(pixels), 4), np.uint8)
+    out[opaque, :3] = (total[opaque] / weight[opaque, None]).round()
+    out[opaque, 3] = 255
+    return out
+
+
+@given(seed=st.integers(0, 2**32 - 1), width=st.integers(1, 5), height=st.integers(1, 5))
+def test_pictures_are_sampled_as_by_whole_arrays(seed: int, width: int, height: int) -> None:
+    rng = np.random.default_rng(seed)
+    picture = rng.integers(0, 256, (height, width, 4), dtype=np.uint8)
+    picture[rng.random((height, width)) < 0.3, 3] = 0
+    at = rng.uniform(-1, 6, (50, 2))
+    at[::5] = np.floor(at[::5]) + 0.5
+    np.testing.assert_array_equal(_core.sample(picture, at), sampled(picture, at))
+
+
+def test_opaque_pictures_are_sampled_as_by_opencv() -> None:
+    """`remap` has positions to the 32nd of a pixel: so much of the steepest step is off, and a level of rounding."""
+    cv2 = need("cv2")
+    rng = np.random.default_rng(3)
+    picture = cv2.GaussianBlur(rng.integers(0, 256, (40, 50, 4), dtype=np.uint8), (0, 0), 2.0)
+    picture[..., 3] = 255
+    at = rng.uniform((1, 1), (49, 39), (1000, 2))
+    columns, rows = (at - 0.5).astype(np.float32).T
+    theirs = cv2.remap(picture, columns[None], rows[None], cv2.INTER_LINEAR)[0]
+    step = max(np.abs(np.diff(picture.astype(int), axis=axis)).max() for axis in (0, 1))
+    ours = _core.sample(picture, at)
+    assert np.abs(ours.astype(int) - theirs).max() <= 1 + 2 * step / 64
+
+
+def test_what_cannot_be_sampled_is_refused() -> None:
+    for picture, match in (
+        (np.zeros((0, 3, 4), np.uint8), "picture has no pixel"),
+        (np.zeros((4, 1, 3), np.uint8), r"picture must be \(H, W, 4\) and at \(N, 2\), got \[4, 1, 3\]"),
+    ):
+        with pytest.raises(ValueError, match=match):
+            _core.sample(picture, np.zeros((1, 2)))

@@ -186,6 +186,7 @@ def bitfield_decode(
     starts: npt.NDArray[np.uint64],
     checksum: int,
 ) -> npt.NDArray[np.uint64]: ...
+def sample(picture: npt.NDArray[np.uint8], at: npt.NDArray[np.float64]) -> npt.NDArray[np.uint8]: ...
 def compose(
     canvas: tuple[
         npt.NDArray[np.uint8],

@@ -15,6 +15,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
+from . import _core
 from .camera import Camera
 from .compose import Canvas
 from .geometry_warp import ImagePlane, Plane, bent_camera
@@ -194,7 +195,7 @@ class Part:
         rows, columns = np.nonzero(inside)
         to_picture = _homogeneous(self.camera, basis) @ from_pixel
         u, v, w = to_picture @ np.stack([x[columns], y[rows, 0], np.ones(len(rows))])
-        found = sampled(self.picture, np.column_stack([u / w, v / w]))
+        found = _core.sample(np.ascontiguousarray(self.picture), np.column_stack([u / w, v / w]))
         color, depth = np.empty_like(out.color), np.full(out.depth.shape, np.inf, np.float32)
         color[inside] = found[:, :3]
         depth[inside] = np.where(found[:, 3] > 0, 1.0 / nearness[inside], np.inf)
@@ -657,32 +658,3 @@ def _homogeneous(camera: Camera, basis: Floats) -> Floats:
     local = camera.world_to_camera[:3, :3] @ basis
     local[:, 2] += camera.world_to_camera[:3, 3]
     return np.asarray(camera.K @ local)
-
-
-def sampled(picture: npt.NDArray[np.uint8], pixels: Floats) -> npt.NDArray[np.uint8]:
-    """(N, 4) a picture at some positions, between its pixel centres in proportion; what is transparent has no share.
-
-    Parameters
-    ----------
-    picture : (H, W, 4) ndarray of uint8
-        Red, green, blue and opacity.
-    pixels : (N, 2) ndarray of float64
-        Columns and rows; a pixel's centre is at its index and a half.
-    """
-    height, width = picture.shape[:2]
-    at = np.clip(pixels - 0.5, 0, (width - 1, height - 1))
-    low = np.minimum(at.astype(np.intp), (max(width - 2, 0), max(height - 2, 0)))
-    part = at - low
-    total, weight = np.zeros((len(pixels), 3)), np.zeros(len(pixels))
-    for right in range(min(2, width)):
-        for down in range(min(2, height)):
-            sample = picture[low[:, 1] + down, low[:, 0] + right]
-            share = (part[:, 0] if right else 1 - part[:, 0]) * (part[:, 1] if down else 1 - part[:, 1])
-            share = share * (sample[:, 3] > 0)
-            total += share[:, None] * sample[:, :3]
-            weight += share
-    opaque = weight >= 0.5
-    out = np.zeros((len(pixels), 4), np.uint8)
-    out[opaque, :3] = (total[opaque] / weight[opaque, None]).round()
-    out[opaque, 3] = 255
-    return out

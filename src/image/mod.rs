@@ -3,4 +3,5 @@
 pub mod compose;
 pub mod depth_mesh;
 pub mod layered;
+pub mod sample;
 pub mod warp;

@@ -3,12 +3,13 @@
 use super::arrays::{row_major, rows_of};
 use super::interrupt;
 use crate::image::compose::{Canvas, Layer, Side, enters, lay};
+use crate::image::sample::sample as sample_picture;
 use crate::placement::nearest::{Boxes, Gaze, nearest};
 use crate::render::shade::face_colors;
 use glam::DVec3;
 use numpy::{
-    IntoPyArray, PyArray1, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3, PyReadwriteArray2,
-    PyReadwriteArray3, PyUntypedArrayMethods,
+    IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3,
+    PyReadwriteArray2, PyReadwriteArray3, PyUntypedArrayMethods,
 };
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -70,6 +71,28 @@ fn compose(
         twice: twice.as_ref().map(|twice| row_major("twice", twice)).transpose()?,
     };
     interrupt::brief(py, None, move |_| lay(below, &above, label))
+}
+
+/// A picture (H, W, 4) at positions (N, 2), columns and rows: (N, 4).
+#[pyfunction]
+fn sample<'py>(
+    py: Python<'py>,
+    picture: PyReadonlyArray3<'py, u8>,
+    at: PyReadonlyArray2<'py, f64>,
+) -> PyResult<Bound<'py, PyArray2<u8>>> {
+    let width = picture.shape()[1];
+    if picture.shape()[2] != 4 || at.shape()[1] != 2 {
+        let (picture, at) = (picture.shape(), at.shape());
+        return Err(PyValueError::new_err(format!(
+            "picture must be (H, W, 4) and at (N, 2), got {picture:?} and {at:?}"
+        )));
+    }
+    let (pixels, places) = (rows_of::<4, _, _>("picture", &picture)?, rows_of::<2, _, _>("at", &at)?);
+    if pixels.is_empty() {
+        return Err(PyValueError::new_err("picture has no pixel"));
+    }
+    let found = interrupt::brief(py, None, |_| Ok(sample_picture(pixels, width, places)))?;
+    PyArray1::from_vec(py, found.into_flattened()).reshape([places.len(), 4])
 }
 
 /// Sets where rays come into a convex space, (P, 4) half-spaces as an image sees them, before a depth; how many do.
@@ -141,6 +164,7 @@ fn nearest_cells<'py>(
 }
 
 pub fn register(m: &Bound<'_, PyModule>) -> PyResult<()> {
+    m.add_function(wrap_pyfunction!(sample, m)?)?;
     m.add_function(wrap_pyfunction!(compose, m)?)?;
     m.add_function(wrap_pyfunction!(colors_of_faces, m)?)?;
     m.add_function(wrap_pyfunction!(nearest_cells, m)?)?;

@@ -13,7 +13,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
-from ..backdrop import cut, sampled
+from .. import _core
+from ..backdrop import cut
 from ..camera import Camera
 from ..compose import Canvas
 from ..depth_image import DepthImage
@@ -339,7 +340,8 @@ def _image(
     flat = np.zeros((camera.height, camera.width, 3), np.uint8)
     _, rays = camera.rays()
     places = camera.eye + rays[window.inside] * window.depth[window.inside][:, None]
-    flat[window.inside] = sampled(_front(pictures[0]), pictures[0].camera.project(places)[0])[:, :3]
+    at = np.ascontiguousarray(pictures[0].camera.project(places)[0])
+    flat[window.inside] = _core.sample(np.ascontiguousarray(_front(pictures[0])), at)[:, :3]
     if images.kind == "static":
         return _Content(flat, window.depth)
     warped: Warped
