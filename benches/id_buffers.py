@@ -15,7 +15,8 @@ depth complexity: the faces that the ray through a pixel's centre crosses, avera
 *differ* is the share of bits that differ between ours and Open3D's, of all set; nearly all of them are ties of
 coincident faces. *limit* is the time in which all cores read the mesh once (12 bytes a vertex and a face) and write ids
 and depths once, at the measured bandwidth; *of it* is how many times as long our bare row takes. What stays in the
-caches, as images do, costs less than that. The last columns are shares of the time of a sure row.
+caches, as images do, costs less than that. The last columns are shares of the time of a sure row. `--instructions AVX2`
+does without AVX-512.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ import numpy as np
 
 import bench
 import rivals
-from cyclorama import lab, peers
+from cyclorama import _core, lab, peers
 from cyclorama.camera import stack
 
 QUICK = ["bunny", "kitchen inside", "tree"]
@@ -159,7 +160,9 @@ def surroundings() -> str:
 
 
 def main() -> None:
-    asked = bench.options(__doc__, views=16, rounds=5, names=list(bench.SETTINGS), rivals=RIVALS)
+    asked = bench.options(__doc__, views=16, rounds=5, names=list(bench.SETTINGS), rivals=RIVALS, instructions="")
+    if asked.instructions:
+        _core.use_instruction_set(asked.instructions)
     names = QUICK if asked.quick else asked.names
     views, rounds = (4, 3) if asked.quick else (asked.views, asked.rounds)
     table, notes = [], {}
