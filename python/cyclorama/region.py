@@ -20,8 +20,8 @@ expects all faces to be about equally hard to see, and the hardest are not.
 
 Whether to end is asked only after each 208 eyes. Asked more often, it ends when few new faces happen to have come, and
 just then the estimate is too low; with fewer the density is not yet like that. Only where 64 eyes see nothing that the
-corners have not, it ends at once. Nothing knows of faces that no eye is
-likely to meet: a face behind a keyhole leaves no trace.
+corners have not, it ends at once. Nothing knows of faces that no eye is likely to meet: a face behind a keyhole leaves
+no trace.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ _WEIGHTS = np.array([8.0, 5.0, 3.0, 2.0])
 _MORE = 5.0
 
 #: Steps of the sequence that fills a cube evenly: powers of the real root of x^4 = x + 1 (Roberts).
-CUBE_STEP = 1.2207440846057596 ** -np.arange(1.0, 4.0)
+_CUBE_STEP = 1.2207440846057596 ** -np.arange(1.0, 4.0)
 
 #: Turns from the world's axes to those of a camera that looks along each of them.
 _SIDES = tuple(
@@ -234,9 +234,10 @@ def visible_from(
             eyes = np.concatenate([eyes, step])
             report(len(eyes))
             beyond = len(eyes) - corners
-            once = np.count_nonzero(sightings[first >= corners] == 1)
-            if beyond > 0 and beyond % patience == 0 and once <= least * beyond:
-                break
+            if beyond > 0 and beyond % patience == 0:
+                once = np.count_nonzero(sightings[first >= corners] == 1)
+                if once <= least * beyond:
+                    break
             if beyond == _EVENLY and not (first >= corners).any():
                 break
         report(len(even))
@@ -322,7 +323,7 @@ def _eyes(box: Floats, most: int, seed: int, inside: bool) -> tuple[int, Floats]
     corners = corners[:most]
     count = most - len(corners) if len(corners) > 1 else 0
     begin = np.random.default_rng(seed).random(3)
-    shares = (begin + np.arange(count)[:, None] * CUBE_STEP) % 1
+    shares = (begin + np.arange(count)[:, None] * _CUBE_STEP) % 1
     outer = np.arange(count) % 2 == 0 if inside else np.ones(count, bool)
     shares[outer] = _onto_surface(shares[outer])
     return len(corners), np.concatenate([corners, box[0] + shares * (box[1] - box[0])])

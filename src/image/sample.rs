@@ -8,7 +8,8 @@ const CHUNK: usize = 4096;
 
 /// Red, green, blue and opacity of a picture at positions, columns and rows, at which a pixel's centre is half a pixel
 /// from its corner: the four pixels around in proportion, of which those that are transparent have no share. Where they
-/// hold less than half of it the position is transparent, and so it is where it is no number. Beyond the outermost centres the border goes on.
+/// hold less than half of it the position is transparent, and so it is where it is no number. Beyond the outermost
+/// centres the border goes on.
 ///
 /// # Panics
 /// If the picture has no whole rows, or no pixel: the caller has checked it.

@@ -97,7 +97,7 @@ def look(building: Building, count: int, seed: int, threads: int | None, report:
             lost = np.append(lost, flags.any())
             if lost[-1]:
                 extra[held[0]] |= np.isin(together, together[flags])
-                places.follow(eye)
+                places.follow(eye, held[0])
         eyes = np.concatenate([eyes, step])
         report(len(eyes))
     faces = [
@@ -136,9 +136,8 @@ class _Eyes:
                 if self._building.is_open(eye) and (anywhere or place in self._building.places(eye)[0]):
                     return eye
 
-    def follow(self, eye: Floats) -> None:
-        """More eyes beside one."""
-        place = self._building.places(eye)[0][0]
+    def follow(self, eye: Floats, place: int) -> None:
+        """More eyes beside one that is in a place."""
         reach = _BESIDE * np.ptp(self._boxes[place], axis=0).max()
         self._following.extend(eye + self._rng.uniform(-reach, reach, (_FOLLOWING, 3)))
 
