@@ -68,12 +68,15 @@ def test_what_embree_sees_from_fresh_eyes_is_there_but_for_what_was_estimated():
 def test_a_short_look_expects_what_a_long_one_finds():
     scene = cyc.scenes.house(rooms=4, seed=0)
     low, high = scene.bounds[0] * 0.9 + scene.bounds[1] * 0.1, scene.bounds[0] * 0.1 + scene.bounds[1] * 0.9
-    short = visible_from(scene, low, high, resolution=64, max_eyes=16, progress=False)
     long = visible_from(scene, low, high, resolution=64, max_eyes=96, patience=96, progress=False)
-    assert np.isin(short.faces, long.faces).all()
-    more = len(long.faces) - len(short.faces)
-    assert more > 0
-    assert 0.2 * more < short.unseen < 5 * more
+    left = []
+    for guided in (False, True):
+        short = visible_from(scene, low, high, resolution=64, max_eyes=16, guided=guided, progress=False)
+        more = len(np.setdiff1d(long.faces, short.faces))
+        assert more > 0
+        assert 0.2 * more < short.unseen < 5 * more
+        left.append(more)
+    assert left[1] < left[0]
 
 
 def test_what_is_unseen_is_as_many_as_a_power_law_says():
@@ -166,8 +169,9 @@ def test_eyes_of_an_empty_box_are_on_its_surface():
 def test_threads_change_nothing_and_seeds_do():
     scene = cyc.scenes.house(rooms=2, seed=0)
     box = (*scene.bounds,)
-    one, two = (visible_from(scene, *box, resolution=48, max_eyes=16, threads=t, progress=False) for t in (1, 2))
+    one, two = (visible_from(scene, *box, resolution=48, max_eyes=16, guided=True, threads=t) for t in (1, 2))
     np.testing.assert_array_equal(one.faces, two.faces)
+    np.testing.assert_array_equal(one.eyes, two.eyes)
     assert one.unseen == two.unseen
     assert not np.array_equal(one.eyes, visible_from(scene, *box, resolution=8, max_eyes=16, seed=1).eyes)
 

@@ -47,16 +47,18 @@ def keyhole():
     "A box's corners do not see for its inside",
     method="From-region sets",
     source="found here",
-    remedy="Eyes are added on its sides, edges and inside until few new faces come into view (`least=`).",
+    remedy="Eyes are added on its sides, edges and inside until few new faces come into view (`least=`), then, with "
+    "`guided=True`, close looks where few of them saw a face.",
 )
 def corners_of_a_box():
     """In a room each corner of a box of eyes lacks what furniture hides from it; eyes between them find it."""
     scene = cyc.scenes.house(rooms=2, seed=1)
     low, high = scene.cells[0]["min"] + 0.2, scene.cells[0]["max"] - 0.2
-    long = cyc.visible_from(scene, low, high, resolution=64, max_eyes=128, patience=128, progress=False)
+    options = {"resolution": 64, "progress": False}
+    long = cyc.visible_from(scene, low, high, max_eyes=128, patience=128, **options)
     curve = {}
     for eyes in (1, 8, 16, 64):
-        short = cyc.visible_from(scene, low, high, resolution=64, max_eyes=eyes, patience=eyes, progress=False)
+        short = cyc.visible_from(scene, low, high, max_eyes=eyes, patience=eyes, **options)
         assert np.isin(short.faces, long.faces).all()
         curve[eyes] = 1 - len(short.faces) / len(long.faces)
     assert curve[1] > curve[8] > curve[16] > curve[64] and curve[8] > 0.01
