@@ -52,7 +52,7 @@ def test_an_eye_beyond_the_domain_sees_an_image_of_the_shell(plan, tmp_path):
     assert geometry.mean() > 0.2
     np.testing.assert_array_equal(drawn.color[geometry], backdrops.color(view)[geometry])
     # Without the rest of the budget all of it is an image.
-    bare = made(plan, tmp_path, spend=False).draw(eye, gaze, SIZE, prefetch=False)
+    bare = made(plan, tmp_path / "bare", spend=False).draw(eye, gaze, SIZE, prefetch=False)
     assert bare.stats.faces == 0 and (bare.ids == BACKGROUND).all()
     view, own = truth_of(backdrops, bare)
     assert own.mean() > 0.2 and bare.hole[own].mean() < 0.02

@@ -42,7 +42,12 @@ class Mesh:
         points: int = 16,
     ) -> None: ...
     def hits(
-        self, camera: tuple[object, ...], most: int, near: float, threads: int | None = None
+        self,
+        camera: tuple[object, ...],
+        faces: npt.NDArray[np.uint32] | None,
+        most: int,
+        near: float,
+        threads: int | None = None,
     ) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.uint32], npt.NDArray[np.float32]]: ...
     def shade(
         self,

@@ -20,9 +20,9 @@ from . import _core, ldi_storage
 from .arguments import as_numpy, check_threads, checked_choice, checked_number, checked_pair, checked_sequence
 from .camera import Camera, stack
 from .depth_image import DepthImage
+from .hits import hits
 from .normals import encode, of_faces, of_image
 from .placing import camera_through, construction_cameras, quadrilateral
-from .render import BACKGROUND
 from .warp import _ORDERS, Order, Warped, _check_camera, _check_out, _colors_behind, _fresh, _splat_size
 
 if TYPE_CHECKING:
@@ -387,6 +387,7 @@ class LayeredDepthImage:
         camera: Camera,
         layers: int | None = None,
         *,
+        faces: npt.ArrayLike | None = None,
         tolerance: float = 0.0,
         color: Callable[[npt.NDArray[np.uint32], Floats], npt.ArrayLike] | None = None,
         normals: bool = False,
@@ -402,6 +403,8 @@ class LayeredDepthImage:
             A pinhole camera.
         layers : int, optional
             At most so many samples a pixel, the nearest ones. All by default.
+        faces : (K,) array_like of int, optional
+            Sample only these: those that eyes near the camera may see, for example.
         tolerance : float
             A hit that lies behind another by at most so many times the width that a pixel covers there is left out.
         color : callable, optional
@@ -420,7 +423,7 @@ class LayeredDepthImage:
         Notes
         -----
         This sees every surface that a ray crosses, but those along the rays not at all, and it stores many that no
-        eye near the camera will ever see: `build` is usually smaller and better.
+        eye near the camera will ever see, unless `faces` leaves those out: `build` is usually smaller and better.
 
         Examples
         --------
@@ -440,29 +443,20 @@ class LayeredDepthImage:
         check_threads(threads)
         tolerance = checked_number("tolerance", tolerance)
         near = float(tolerance / min(camera.K[0, 0], camera.K[1, 1]))
-        most = 2**32 - 1 if layers is None else int(layers)
-        offsets, faces, depths = scene._mesh.hits(stack(camera), most, near, threads)
-        shape = (camera.height, camera.width)
-        counts = offsets[1:].astype(np.int64) - offsets[:-1]
-        pixel = np.repeat(np.arange(len(counts)), counts)
+        found = hits(scene, camera, faces, most=None if layers is None else int(layers), near=near, threads=threads)
         if color is not None:
-            places = np.stack([pixel % shape[1], pixel // shape[1]], axis=1) + 0.5
-            colors = np.asarray(as_numpy(color(faces, camera.unproject(places, depths))))
+            places = np.stack([found.pixels % camera.width, found.pixels // camera.width], axis=1) + 0.5
+            colors = np.asarray(as_numpy(color(found.faces, camera.unproject(places, found.depths))))
         else:
-            colors = np.empty((len(faces), 3), np.uint8)
-            picture, ids = np.empty((*shape, 3), np.uint8), np.empty(shape, np.uint32)
-            layer = np.arange(len(faces)) - offsets[:-1].astype(np.int64)[pixel]
-            for index in range(int(counts.max(initial=0))):
-                own = layer == index
-                ids[...] = BACKGROUND
-                ids.reshape(-1)[pixel[own]] = faces[own]
-                scene._mesh.shade(stack(camera), ids, picture, scene.colors)
-                colors[own] = picture.reshape(-1, 3)[pixel[own]]
+            colors = np.empty((len(found.faces), 3), np.uint8)
+            for own, view in found.layers():
+                colors[own] = view.color.reshape(-1, 3)[found.pixels[own]]
         words = None
         if normals:
             _, rays = camera.rays()
-            words = encode(of_faces(scene.vertices, scene.faces[faces], -rays.reshape(-1, 3)[pixel]))
-        return cls(camera, offsets, colors, (1.0 / depths.astype(np.float64)).astype(np.float32), normals=words)
+            words = encode(of_faces(scene.vertices, scene.faces[found.faces], -rays.reshape(-1, 3)[found.pixels]))
+        disparity = (1.0 / found.depths.astype(np.float64)).astype(np.float32)
+        return cls(camera, found.offsets, colors, disparity, normals=words)
 
     @property
     def samples(self) -> int:

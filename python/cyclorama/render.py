@@ -77,7 +77,7 @@ def render(
         raise ValueError(f"out has shape {out.ids.shape}, the camera {shape}")
     else:
         ids, depth = out.ids, out.depth
-    only = None if faces is None else _face_ids(faces, len(scene))
+    only = None if faces is None else face_ids(faces, len(scene))
     scene._mesh.render(stack([camera]), ids, depth, only, engine, threads)
     return View(ids, depth, camera, scene)
 
@@ -176,7 +176,8 @@ def visible(
     return Bitfields(rows, len(scene))
 
 
-def _face_ids(faces: npt.ArrayLike, face_count: int) -> npt.NDArray[np.uint32]:
+def face_ids(faces: npt.ArrayLike, face_count: int) -> npt.NDArray[np.uint32]:
+    """Numbers of faces, checked to be there."""
     array = np.asarray(faces)
     if array.ndim != 1 or (len(array) and array.dtype.kind not in "iu"):
         raise ValueError(f"faces must be (K,) integers, got {array.shape} {array.dtype}")

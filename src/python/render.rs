@@ -137,20 +137,22 @@ impl PyMesh {
         })
     }
 
-    /// The first `most` hits of each pixel's ray: offsets, faces, depths; those within a share `near` of the depth of the
-    /// one before left out.
-    #[pyo3(signature = (camera, most, near, threads=None))]
+    /// The first `most` hits of each pixel's ray, on some faces or all opaque ones: offsets, faces, depths; those within a
+    /// share `near` of the depth of the one before left out.
+    #[pyo3(signature = (camera, faces, most, near, threads=None))]
     fn hits<'py>(
         &self,
         py: Python<'py>,
         camera: CameraArrays<'_>,
+        faces: Option<PyReadonlyArray1<'_, u32>>,
         most: usize,
         near: f64,
         threads: Option<i64>,
     ) -> PyResult<HitArrays<'py>> {
         let camera = cameras(&camera)?.pop().ok_or_else(|| PyValueError::new_err("no camera"))?;
+        let only = faces.as_ref().map(|f| row_major("faces", f)).transpose()?;
         let hits = interrupt::run(py, threads, None, |control| {
-            multihit::cast(&self.0, &camera, most, near, control)
+            multihit::cast(&self.0, &camera, only, most, near, control)
         })?;
         Ok((
             PyArray1::from_vec(py, hits.offsets),

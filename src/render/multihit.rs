@@ -3,6 +3,7 @@
 use super::beam::Beam;
 use super::frame::{TILE, depth, face, tag};
 use super::scene::Scene;
+use super::selection::Selection;
 use super::triangle::Triangle;
 use super::view::View;
 use crate::camera::{Camera, Projection};
@@ -20,22 +21,29 @@ pub struct Hits {
     pub depths: Vec<f32>,
 }
 
-/// Casts a ray through each pixel centre and takes the first `most` hits on opaque faces; of those that are farther from
-/// the one before by at most a share `near` of their depth none.
+/// Casts a ray through each pixel centre and takes the first `most` hits on `only` these faces, or else on all opaque
+/// ones; of those that are farther from the one before by at most a share `near` of their depth none.
 ///
 /// The first hit is what [`Scene::draw`] finds, to the last bit.
 ///
 /// # Errors
-/// [`Error::Invalid`] for a camera that is none ([`Camera::check`]), or more hits than 32-bit offsets can count;
-/// [`Error::Interrupted`].
+/// [`Error::Invalid`] for a camera that is none ([`Camera::check`]), a face that is not there, or more hits than 32-bit
+/// offsets can count; [`Error::Interrupted`].
 pub fn cast(
     scene: &Scene,
     camera: &Camera,
+    only: Option<&[u32]>,
     most: usize,
     near: f64,
     control: &Control,
 ) -> Result<Hits, Error> {
     camera.check()?;
+    scene.check_faces(only.unwrap_or_default())?;
+    let selection = only.map(|ids| Selection::new(scene.mesh().faces().len(), ids));
+    let counts = |face: u32| match &selection {
+        Some(selection) => selection.contains(face),
+        None => scene.is_opaque(face),
+    };
     let view = View::new(scene.mesh(), camera);
     scene.hierarchy();
     let strips = (0..view.height)
@@ -44,8 +52,8 @@ pub fn cast(
         .into_par_iter()
         .map(|top| {
             let strip = match view.projection {
-                Projection::Perspective => strip::<true>(scene, &view, top, most, near),
-                Projection::Orthographic => strip::<false>(scene, &view, top, most, near),
+                Projection::Perspective => strip::<true>(scene, &view, top, most, near, counts),
+                Projection::Orthographic => strip::<false>(scene, &view, top, most, near, counts),
             };
             control.step(1)?;
             Ok(strip)
@@ -71,6 +79,7 @@ fn strip<const PERSPECTIVE: bool>(
     top: usize,
     most: usize,
     near: f64,
+    counts: impl Fn(u32) -> bool,
 ) -> Vec<Vec<u64>> {
     let bottom = (top + TILE).min(view.height);
     let mut pixels = vec![Vec::new(); (bottom - top) * view.width];
@@ -80,7 +89,7 @@ fn strip<const PERSPECTIVE: bool>(
         faces.clear();
         let beam = Beam::new(view, left, top, bottom);
         scene.hierarchy().met::<PERSPECTIVE>(&beam, &mut stack, &mut faces);
-        for &id in faces.iter().filter(|&&id| scene.is_opaque(id)) {
+        for &id in faces.iter().filter(|&&id| counts(id)) {
             let Some(triangle) = Triangle::new(view, &view.project_face(scene.mesh(), id)) else {
                 continue;
             };
@@ -140,13 +149,14 @@ mod tests {
         #[test]
         fn the_first_hit_is_the_picture_and_all_hits_are_those_of_each_face(
             corners in prop::collection::vec(prop::array::uniform3(-1.0..1.0_f64), 3..24),
+            some_left_out in 0_u32..3,
         ) {
             let faces: Vec<[u32; 3]> = (0..corners.len() as u32 - 2).map(|i| [i, i + 1, i + 2]).collect();
             let count = faces.len();
             let Ok(mesh) = Mesh::new(&corners, faces) else { return Ok(()) };
             let scene = Scene::new(mesh, None).unwrap();
             let camera = camera(21);
-            let hits = cast(&scene, &camera, usize::MAX, -1.0, &Control::default()).unwrap();
+            let hits = cast(&scene, &camera, None, usize::MAX, -1.0, &Control::default()).unwrap();
             let (view, image) = scene.draw(&camera, None, Engine::Raster).unwrap();
             for (pixel, &sample) in image.rows().flatten().enumerate() {
                 let own = hits.offsets[pixel] as usize..hits.offsets[pixel + 1] as usize;
@@ -162,6 +172,13 @@ mod tests {
                     let there = hits.faces[own].iter().filter(|&&face| face == id).count();
                     prop_assert_eq!(there, usize::from(frame::face(sample) == id));
                 }
+            }
+            let some: Vec<u32> = (0..count as u32).filter(|id| id % 3 != some_left_out).collect();
+            let fewer = cast(&scene, &camera, Some(&some), usize::MAX, -1.0, &Control::default()).unwrap();
+            for (some_of, all_of) in fewer.offsets.windows(2).zip(hits.offsets.windows(2)) {
+                let all = hits.faces[all_of[0] as usize..all_of[1] as usize].iter();
+                let kept: Vec<u32> = all.copied().filter(|id| some.contains(id)).collect();
+                prop_assert_eq!(&fewer.faces[some_of[0] as usize..some_of[1] as usize], &kept[..]);
             }
         }
     }

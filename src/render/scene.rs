@@ -135,12 +135,7 @@ impl Scene {
         engine: Engine,
     ) -> Result<(View, Frame), Error> {
         camera.check()?;
-        let count = self.mesh.faces().len();
-        if let Some(ids) = only
-            && let Some((index, id)) = ids.iter().enumerate().find(|&(_, &id)| id as usize >= count)
-        {
-            return Err(Error::Invalid(format!("faces[{index}] is {id}, the scene has {count} faces")));
-        }
+        self.check_faces(only.unwrap_or_default())?;
         let view = View::new(&self.mesh, camera);
         // What the threads share is made before they start.
         if only.is_none() {
@@ -171,6 +166,20 @@ impl Scene {
             }
         });
         Ok((view, frame))
+    }
+
+    /// Whether all of some faces are there.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] with the first that is not.
+    pub fn check_faces(&self, ids: &[u32]) -> Result<(), Error> {
+        let count = self.mesh.faces().len();
+        match ids.iter().enumerate().find(|&(_, &id)| id as usize >= count) {
+            Some((index, id)) => {
+                Err(Error::Invalid(format!("faces[{index}] is {id}, the scene has {count} faces")))
+            }
+            None => Ok(()),
+        }
     }
 
     /// Makes of some faces what drawing them needs.

@@ -32,7 +32,7 @@ from .drawing import Display, Drawn, Pictures, Splat, draw
 from .foreground import Foreground
 from .groups import Group, Groups, filled, place
 from .notes import Notes
-from .painting import FRAMES, Coloring, Lit, Painted, Placement, Uses, Where, paint_as_paper, paint_group, uses
+from .painting import WITNESSES, Coloring, Lit, Painted, Placement, Uses, Where, paint_as_paper, paint_group, uses
 from .store import Store, size_of
 
 __all__ = ["Backdrops", "plan_fingerprint"]
@@ -58,7 +58,7 @@ class Backdrops:
         The most frames that a layered image is built from.
     max_holes : float
         A layered image takes frames in until of the others none has more of the pixels that show it unknown, or
-        `construction` are in it.
+        `construction` are in it. Then all layers are added of the faces that frames ask it for.
     spread : float
         Eyes and gazes that use an image are divided into groups, each with a layered image of its own, so that none is
         farther from the middle of its group: in radians, of turning or of what moves by parallax.
@@ -155,15 +155,17 @@ class Backdrops:
             "max_error": self._max_error,
             "region": eyes.tolist(),
             "where": where,
+            "spend": bool(spend),
         }
         count = len(plan.images)
         self.store = Store(LayeredDepthImage.load, size_of, folder, count, identity, memory=memory)
         self.notes = Notes(Path(folder))
         self.foreground = Foreground(plan, scene)
+        drawn = self.foreground if spend else None
         self._painter = _Painter(
-            plan, scene, self.foreground, eyes, self._size, where, self._construction, self._max_holes, self.color
+            plan, scene, drawn, eyes, self._size, where, self._construction, self._max_holes, self.color
         )
-        self.pictures = Pictures(plan, scene, self._size, self.color, self.images, self.foreground if spend else None)
+        self.pictures = Pictures(plan, scene, self._size, self.color, self.images, drawn)
 
     @cached_property
     def groups(self) -> Groups:
@@ -462,7 +464,7 @@ class _Painter:
 
     plan: Placement
     scene: Scene
-    foreground: Foreground
+    foreground: Foreground | None
     region: npt.NDArray[np.float64]
     size: tuple[int, int]
     where: Where
@@ -478,7 +480,7 @@ class _Painter:
         return paint_group(
             self.plan,
             self.scene,
-            filled(group, self.plan, self.region, 2 * FRAMES),
+            filled(group, self.plan, self.region, WITNESSES),
             self.foreground,
             size=self.size,
             construction=self.construction,

@@ -23,6 +23,7 @@ import numpy.typing as npt
 from .. import _core
 from ..camera import Camera
 from ..depth_image import DepthImage
+from ..hits import hits
 from ..ldi import LayeredDepthImage
 from ..placing import construction_cameras
 from ..render import BACKGROUND, View
@@ -47,6 +48,7 @@ __all__ = [
 
 Bytes = npt.NDArray[np.uint8]
 Floats = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
 
 #: Gives the colours (H, W, 3) of a view: the same ones for a place from wherever it is seen, or borders show.
 Coloring = Callable[[View], Bytes]
@@ -70,6 +72,12 @@ _BESIDE = 0.02
 
 #: Frames of a group that are drawn: some join the layered image, the others judge it.
 FRAMES = 20
+
+#: Frames of a group that are asked which faces they see of the image.
+WITNESSES = 64
+
+# The most layers that are peeled: with the most construction images no more than one layered image is built from.
+_LAYERS = 254 - FRAMES
 
 
 class Images(Protocol):
@@ -339,10 +347,13 @@ def picture(
         All cores by default.
     """
     view = scene.render(camera, faces, threads=threads)
+    return _pictured(view, color, np.zeros(view.ids.shape, np.bool_))
+
+
+def _pictured(view: View, color: Coloring, missing: npt.NDArray[np.bool_]) -> DepthImage:
     with np.errstate(divide="ignore"):
         disparity = 1.0 / view.depth
-    missing = np.zeros(view.ids.shape, np.bool_)
-    return DepthImage.from_disparity(color(view), disparity, camera, missing=missing, ids=view.ids)
+    return DepthImage.from_disparity(color(view), disparity, view.camera, missing=missing, ids=view.ids)
 
 
 @dataclass(frozen=True, eq=False)
@@ -371,7 +382,7 @@ def paint_group(
     plan: Placement,
     scene: Scene,
     group: Group,
-    foreground: Foreground,
+    foreground: Foreground | None,
     *,
     size: tuple[int, int] = (512, 384),
     construction: int = 16,
@@ -382,7 +393,11 @@ def paint_group(
     """The layered image of a group of frames.
 
     Some frames of the group are drawn. One after another those join the layered image of which the others still leave
-    the most unknown, until none leaves more than `max_holes`: the rest has judged it.
+    the most unknown, until none leaves more than `max_holes`: the rest has judged it. In a tangle no number of pictures
+    is enough, as each eye sees other parts of what is far behind. If `construction` frames have joined and there are
+    still more holes, the faces that any frame of the group asks it for are peeled, layer by layer, from amid its eyes
+    (`cyclorama.hits`): then all that the ray of a pixel meets of them is known, though most of it was seen from
+    nowhere.
 
     Parameters
     ----------
@@ -390,8 +405,8 @@ def paint_group(
     scene : Scene
     group : Group
         One frame at least.
-    foreground : Foreground
-        Of the plan: what the frames draw as geometry is not painted.
+    foreground : Foreground, optional
+        Of the plan: what the frames draw of the image as geometry is not asked of it. None: they draw nothing of it.
     size : (int, int)
         Of a frame in pixels. The layered image has its pixels, and as many as all of the group see.
     construction : int
@@ -404,14 +419,18 @@ def paint_group(
         All cores by default.
     """
     color = color or Lit(scene, plan.up)
-    cells = foreground.cells(group.image)
-    chosen = group.some(FRAMES)
+    chosen = group.some(WITNESSES)
     cameras = [frame_camera(plan, group.eyes[i], group.gazes[i], size) for i in chosen]
-    nearer = [foreground.of(cells, camera, room) for camera, room in zip(cameras, group.room[chosen], strict=True)]
+
+    def nearer(i: int) -> Nearer | None:
+        if foreground is None:
+            return None
+        return foreground.of(foreground.cells(group.image), cameras[i], group.room[chosen[i]])
+
     faces = behind(plan, scene, group.image)
     # What they draw as geometry is painted, too: another frame of the group may have less room for it.
-    frames = [picture(scene, _wider(camera), faces, color, threads=threads) for camera in cameras]
-    judges = [_Judge(*frame) for frame in zip(frames, cameras, nearer, strict=True)]
+    frames = [picture(scene, _wider(camera), faces, color, threads=threads) for camera in cameras[:FRAMES]]
+    judges = [_Judge(frame, cameras[i], nearer(i)) for i, frame in enumerate(frames)]
     central = picture(scene, _amid(frames, group, cameras[0], plan.up), faces, color, threads=threads)
     merged, left = [0], list(range(1, len(frames)))
     image = LayeredDepthImage.build(central, [frames[0]], threads=threads)
@@ -428,25 +447,44 @@ def paint_group(
         merged.append(worst)
         left.remove(worst)
         image = LayeredDepthImage.build(central, [frames[i] for i in merged], threads=threads)
+    if not left or max(judges[i].holes for i in left) > max_holes:
+        asked = np.zeros(len(scene), np.bool_)
+        for i, camera in enumerate(cameras):
+            known = i < len(frames)
+            ids = np.asarray(frames[i].ids if known else scene.render(_wider(camera), faces, threads=threads).ids)
+            asked[ids[_asked(ids, nearer(i))]] = True
+        peeled = hits(scene, central.camera, np.flatnonzero(asked), most=_LAYERS, threads=threads).layers()
+        layers = [_pictured(view, color, view.ids == BACKGROUND) for _, view in peeled]
+        image = LayeredDepthImage.build(central, [*(frames[i] for i in merged), *layers], threads=threads)
     for i in left or merged:
         judges[i].look(image, threads, len(merged))
-    asked = [judges[i] for i in left or merged]
-    pixels = sum(judge.pixels for judge in asked)
-    error = math.sqrt(sum(judge.squares for judge in asked) / (3 * pixels)) if pixels else 0.0
-    return Painted(image, error, max(judge.holes for judge in asked), len(left))
+    jury = [judges[i] for i in left or merged]
+    pixels = sum(judge.pixels for judge in jury)
+    error = math.sqrt(sum(judge.squares for judge in jury) / (3 * pixels)) if pixels else 0.0
+    return Painted(image, error, max(judge.holes for judge in jury), len(left))
+
+
+def _asked(ids: npt.NDArray[np.uint32], nearer: Nearer | None) -> Mask:
+    """The pixels of a frame in which an image is asked for what it stands for."""
+    asked: Mask = ids != BACKGROUND
+    if nearer is not None:
+        asked &= ~np.isin(ids, nearer.faces)
+    return asked
 
 
 class _Judge:
     """A frame that a layered image is compared with."""
 
-    def __init__(self, frame: DepthImage, camera: Camera, nearer: Nearer) -> None:
+    def __init__(self, frame: DepthImage, camera: Camera, nearer: Nearer | None) -> None:
         left, top = (frame.camera.width - camera.width) // 2, (frame.camera.height - camera.height) // 2
         own = np.s_[top : top + camera.height, left : left + camera.width]
         self.color, ids = frame.color[own], np.asarray(frame.ids)[own]
-        self.where = (ids != BACKGROUND) & ~np.isin(ids, nearer.faces)
+        self.where = _asked(ids, nearer)
         self.pixels = int(self.where.sum())
-        # Everything is drawn as geometry: nothing is asked of the image.
-        self.camera = camera.replace(near=nearer.depth) if np.isfinite(nearer.depth) else None
+        self.camera: Camera | None = camera
+        if nearer is not None:
+            # Where everything is drawn as geometry nothing is asked of the image.
+            self.camera = camera.replace(near=nearer.depth) if np.isfinite(nearer.depth) else None
         self.holes = self.squares = 0.0
         # How many frames were in the layered image when it was looked at.
         self.joined = 0

@@ -1,0 +1,69 @@
+"""All that rays meet: layer after layer, against drawing what is left."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import cyclorama as cyc
+from cyclorama import BACKGROUND, Camera
+from cyclorama.hits import hits
+
+SHEETS = cyc.scenes.layers(60, layers=6)
+CAMERA = Camera.look_at((0.2, 0.1, 9), (0, 0, 0), width=24, height=18)
+
+
+def test_the_first_layer_of_some_faces_is_their_picture():
+    scene = cyc.scenes.pipes(2000)
+    camera = Camera.look_at((0, 0, 3), (0, 0, 0), width=48, height=36)
+    some = np.arange(0, len(scene), 3)
+    _, first = next(hits(scene, camera, some).layers())
+    view = scene.render(camera, some)
+    np.testing.assert_array_equal(first.ids, view.ids)
+    np.testing.assert_array_equal(first.depth, view.depth)
+
+
+def test_each_layer_is_the_picture_of_what_the_ones_before_it_leave():
+    found = hits(SHEETS, CAMERA)
+    left, layers = np.arange(len(SHEETS)), list(found.layers())
+    assert len(layers) == 6
+    for _, layer in layers:
+        # A sheet hides the next one wholly, so that what is left begins with that.
+        np.testing.assert_array_equal(layer.ids, SHEETS.render(CAMERA, left).ids)
+        left = np.setdiff1d(left, layer.ids)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.sets(st.integers(0, len(SHEETS) - 1)), st.integers(1, 4))
+def test_leaving_faces_out_leaves_their_hits_out_and_no_more(faces, most):
+    some = np.array(sorted(faces), dtype=np.int64)
+    whole, fewer, first = hits(SHEETS, CAMERA), hits(SHEETS, CAMERA, some), hits(SHEETS, CAMERA, some, most=most)
+    kept = np.isin(whole.faces, some)
+    np.testing.assert_array_equal(fewer.faces, whole.faces[kept])
+    np.testing.assert_array_equal(fewer.pixels, whole.pixels[kept])
+    np.testing.assert_array_equal(fewer.depths, whole.depths[kept])
+    rank = np.arange(len(fewer.faces)) - fewer.offsets[:-1].astype(int)[fewer.pixels]
+    np.testing.assert_array_equal(first.faces, fewer.faces[rank < most])
+    assert sum(int(own.sum()) for own, _ in fewer.layers()) == len(fewer.faces)
+
+
+def test_transparent_faces_are_met_only_where_they_are_asked_for():
+    transparent = np.arange(len(SHEETS)) < 20
+    scene = cyc.Scene(SHEETS.vertices, SHEETS.faces, transparent=transparent)
+    assert not transparent[hits(scene, CAMERA).faces].any()
+    assert transparent[hits(scene, CAMERA, np.arange(20)).faces].all()
+
+
+def test_where_nothing_is_met_there_is_no_layer():
+    away = Camera.look_at((0, 0, 9), (0, 0, 20), width=4, height=3)
+    assert list(hits(SHEETS, away).layers()) == []
+    assert (hits(SHEETS, CAMERA, []).offsets == 0).all()
+    (_, view), *_ = hits(SHEETS, CAMERA, [0], most=1).layers()
+    assert set(np.unique(view.ids)) <= {0, BACKGROUND}
+
+
+def test_a_face_that_is_not_there_is_refused():
+    with pytest.raises(ValueError, match=r"faces\[1\] is 60, the scene has 60 faces"):
+        hits(SHEETS, CAMERA, [0, 60])
