@@ -27,7 +27,7 @@ class Mesh:
         threads: int | None = None,
     ) -> None: ...
     def stages(
-        self, cameras: tuple[object, ...], fill: str | None = None, supersampling: int = 3, points: int = 16
+        self, cameras: tuple[object, ...], fill: str | None = None, supersampling: int = 3, points: int = 24
     ) -> list[tuple[str, float]]: ...
     def visible(
         self,
@@ -39,7 +39,7 @@ class Mesh:
         progress: object = None,
         rings: int = 1,
         supersampling: int = 3,
-        points: int = 16,
+        points: int = 24,
     ) -> None: ...
     def hits(
         self,

@@ -190,7 +190,7 @@ class Scene:
         *,
         rings: int = 1,
         supersampling: int = 3,
-        points: int = 16,
+        points: int = 24,
         engine: Engine = "auto",
         known: Bitfields | npt.NDArray[np.uint64] | None = None,
         out: npt.NDArray[np.uint64] | None = None,

@@ -187,7 +187,7 @@ impl PyMesh {
     }
 
     /// Seconds that the rows of some cameras take by stage, one view after the other.
-    #[pyo3(signature = (cameras, fill=None, supersampling=3, points=16))]
+    #[pyo3(signature = (cameras, fill=None, supersampling=3, points=24))]
     fn stages(
         &self,
         py: Python<'_>,
@@ -209,7 +209,7 @@ impl PyMesh {
     }
 
     /// Sets in each of `rows` the faces that its camera sees.
-    #[pyo3(signature = (cameras, rows, fill=None, engine="auto", threads=None, progress=None, rings=1, supersampling=3, points=16))]
+    #[pyo3(signature = (cameras, rows, fill=None, engine="auto", threads=None, progress=None, rings=1, supersampling=3, points=24))]
     #[expect(clippy::too_many_arguments, reason = "one keyword each in Python")]
     fn visible(
         &self,
