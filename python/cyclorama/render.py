@@ -115,13 +115,15 @@ def visible(
     rings : int
         For "neighbours": how often. Many rings flood all that faces the eye.
     supersampling : int
-        For "rays": samples along each side of a pixel of the finer picture that is drawn of cluttered parts of a view,
-        if 0.65 faces a visible one or more remain that the picture doesn't hide and no point decided (not of scans seen
-        whole, but of trees, engines and rooms). Where few faces are in question they get points as dense as its samples
-        instead. 1 does neither.
+        For "rays": how finely cluttered views are looked at, those in which 0.65 faces a visible one or more remain that
+        the picture doesn't hide and no point decided (not scans seen whole, but trees, engines and rooms). Such faces
+        get points as dense as so many samples along each side of a pixel. Where things far apart lie side by side
+        nearly everywhere, as leaves do, a finer picture with so many samples is drawn of what is cluttered. 1 does
+        neither.
     points : int
         For "rays": points tested on a face before it is given up, of which those after the fourth only in cluttered
-        views; a long thin face gets more, up to 12 times as many.
+        views, and there on thin faces alone, if no finer picture is drawn; a long thin face gets more, up to 12 times
+        as many.
     engine : {"auto", "raster", "raycast"}
         Both give the same bits.
     known : Bitfields or (S, W) ndarray of uint64, optional

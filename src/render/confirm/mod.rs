@@ -4,9 +4,10 @@
 //! Here each face not seen yet is either set aside because all samples around it are nearer, or tested at points
 //! ([`points`]): one that no other face hides proves the face visible, in the same arithmetic as the id-buffer's. Nothing
 //! invisible is ever answered. Of a smooth surface that finds nearly all with a few points a face. Where many faces
-//! remain that neither the picture hides nor a point proves (leaves, pipes, clutter), the picture is too coarse: where
-//! they are a finer one is drawn, and more points are tested where that leaves them open ([`unclear`]): a few at a time,
-//! since a face that hides one point of another often hides most of it ([`trials`]).
+//! remain that neither the picture hides nor a point proves (leaves, pipes, clutter), more points are tested where the
+//! picture leaves them open ([`unclear`]): a few at a time, since a face that hides one point of another often hides most
+//! of it ([`trials`]). Where things far apart lie side by side nearly everywhere ([`tears`]), as leaves do, faces show
+//! through gaps that the picture takes for closed: there a finer one is drawn first.
 //!
 //! On a closed surface only one side is ever seen, though at silhouettes the picture hides little of the other. Where the
 //! picture shows one side only, a sample of the other's faces is tested first ([`place::Side`]): that is enough unless the
@@ -79,7 +80,7 @@ impl Confirm {
     /// Sets in `row` the opaque faces that `frame`, an image of `camera`, does not show, and of which some point is the
     /// nearest surface on its ray.
     ///
-    /// In a cluttered and crowded view `draw` is asked to draw into some squares of a finer picture, told by their side,
+    /// In a cluttered and torn view `draw` is asked to draw into some squares of a finer picture, told by their side,
     /// columns and rows, and to set in `row` the faces that it shows.
     pub fn look(
         &mut self,
