@@ -11,6 +11,7 @@ import threading
 import time
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -103,6 +104,20 @@ def test_in_a_tangle_what_few_pictures_miss_is_peeled(plan, used, scene, monkeyp
     # Where pictures are enough nothing is peeled.
     assert content.image.samples < flat.image.samples and content.holes > peeled.holes
     np.testing.assert_array_equal(peeled.image.disparity, again.image.disparity)
+
+
+def test_nothing_is_peeled_where_the_last_picture_that_may_join_is_enough(plan, used, scene, monkeypatch):
+    group, peels = Groups(plan, used, scene.bounds).group(0), []
+
+    def peel(*asked, **options):
+        peels.append(asked)
+        return SimpleNamespace(layers=lambda: [])
+
+    monkeypatch.setattr(painting, "hits", peel)
+    left = painting.paint_group(plan, scene, group, None, size=SIZE, construction=3, max_holes=0.0).holes
+    assert len(peels) == 1 and left > 0
+    painted = painting.paint_group(plan, scene, group, None, size=SIZE, construction=3, max_holes=left)
+    assert painted.holes == left and len(peels) == 1
 
 
 @pytest.mark.parametrize("display", DISPLAYS)
@@ -218,10 +233,10 @@ def test_a_killed_process_leaves_whole_images_and_the_next_one_goes_on(plan, sce
         plan = FewImages(scene, [(0.1, 0.0, 1.6), (0.0, 0.1, 1.2)], 1.3)
         made = Backdrops(plan, scene, {str(tmp_path)!r}, size={SIZE}, spread=2.0, construction=2)
         known = np.load({str(tmp_path / "uses")!r} + ".npz")
-        made._uses = Uses(*(known[name] for name in ("eyes", "gazes", "image", "room")))
+        made._uses = Uses(*(known[name] for name in ("eyes", "gazes", "image")))
         made.paint(threads=1, progress=False)
     """)
-    np.savez(tmp_path / "uses", eyes=used.eyes, gazes=used.gazes, image=used.image, room=used.room)
+    np.savez(tmp_path / "uses", eyes=used.eyes, gazes=used.gazes, image=used.image)
     process = subprocess.Popen([sys.executable, "-c", child])
     while process.poll() is None and len(list(tmp_path.glob("0*.npz"))) < 1:
         time.sleep(0.002)
@@ -243,7 +258,7 @@ def test_groups_are_divided_until_the_error_holds_or_cannot(plan, scene, used, t
         made._uses = used
         group = made.groups.group(0)
         # A few frames are enough to divide again and again.
-        made.groups._groups[0, 1] = replace(group, eyes=group.eyes[:24], gazes=group.gazes[:24], room=group.room[:24])
+        made.groups._groups[0, 1] = replace(group, eyes=group.eyes[:24], gazes=group.gazes[:24])
         made.image(0, EYE, GAZE)
         return made
 
@@ -263,7 +278,7 @@ def test_what_the_image_of_a_group_does_not_know_others_fill(plan, scene, used, 
     made = Backdrops(plan, scene, tmp_path, size=(96, 72), spread=9.0, construction=2, max_error=0.0)
     made._uses = used
     group = made.groups.group(0)
-    made.groups._groups[0, 1] = replace(group, eyes=group.eyes[:12], gazes=group.gazes[:12], room=group.room[:12])
+    made.groups._groups[0, 1] = replace(group, eyes=group.eyes[:12], gazes=group.gazes[:12])
     own = made.image(0, EYE, GAZE)
     alone = list(made.images(0, EYE, GAZE))
     assert len(alone) == 1 and alone[0] is own
@@ -305,6 +320,25 @@ def test_the_rest_of_a_budget_draws_what_is_nearest(scene):
     assert len(nearest[2].faces) == 100 and np.isinf(nearest[4].depth)
 
 
+def test_painting_asks_an_image_for_what_its_frames_do_not_spend_the_budget_on(scene, used, monkeypatch):
+    plan = FewImages(scene, [(0.1, 0.0, 1.6), (0.0, 0.1, 1.2)], 1.3)
+    group = Groups(plan, used, scene.bounds).group(1)
+    plan.budget, frame = len(plan._rest[1]) + 300, plan.frame
+
+    def painted(foreground=None, **more):
+        monkeypatch.setattr(plan, "frame", lambda *asked, **options: SimpleNamespace(**vars(frame(*asked)) | more))
+        made = painting.paint_group(plan, scene, group, foreground, size=SIZE, construction=2)
+        return made.error, made.holes, made.image.samples
+
+    foreground = Foreground(plan, scene)
+    alone = painted(foreground)
+    # Coarser levels of detail fill the budget, too: nothing is left to spend.
+    assert painted(foreground, levels=(np.arange(300, dtype=np.uint32),)) == painted() != alone
+    # So does what another image of the frame stands for, which is nearer.
+    images = [SimpleNamespace(index=index) for index in (0, 1)]
+    assert painted(foreground, images=images) not in (painted(), alone)
+
+
 def test_what_is_drawn_as_geometry_is_not_taken_from_the_image(scene, used, tmp_path):
     plan = FewImages(scene, [(0.1, 0.0, 1.6), (0.0, 0.1, 1.2)], 1.3)
     plan.budget = len(scene)
@@ -342,6 +376,9 @@ def test_a_store_of_something_else_is_refused(plan, scene, tmp_path):
     other = FewImages(scene, [(0.1, 0.0, 1.7), (0.0, 0.1, 1.2)], 1.3)
     with pytest.raises(ValueError, match="another plan"):
         Backdrops(other, scene, tmp_path, size=SIZE)
+    # Of several differences the first one is named, always the same.
+    with pytest.raises(ValueError, match="another plan"):
+        Backdrops(other, scene, tmp_path, size=(48, 36), spread=0.1, construction=2, max_holes=0.1, max_error=9.0)
     moved = cyc.Scene(scene.vertices + 1, scene.faces)
     with pytest.raises(ValueError, match="another scene"):
         Backdrops(plan, moved, tmp_path, size=SIZE)
@@ -371,12 +408,25 @@ def test_a_file_that_is_cut_off_is_refused_with_its_name(tmp_path):
         ({"where": "here"}, "where must be"),
         ({"construction": 255}, "construction must be an integer from 0 to 254"),
         ({"size": (0, 5)}, "size must be two numbers of pixels"),
+        ({"size": 512}, "size must be two numbers of pixels, got 512"),
+        ({"color": "red"}, "color must take a View and give its colours, got 'red'"),
+        ({"max_holes": np.nan}, "max_holes must be finite and at least 0, got nan"),
+        ({"spread": "wide"}, "spread must be finite and at least 0, got 'wide'"),
+        ({"max_error": -1}, "max_error must be finite and at least 0, got -1"),
+        ({"region": "here"}, "region must be numbers, got 'here'"),
+        ({"region": [[0, 0, 0], [0, 0, 99]]}, "region must be lowest and highest coordinates"),
         ({"memory": -1}, "memory must be a number of bytes"),
     ],
 )
 def test_wrong_arguments_are_refused(plan, scene, tmp_path, options, message):
     with pytest.raises(ValueError, match=message):
         Backdrops(plan, scene, tmp_path, **options)
+
+
+@pytest.mark.parametrize("threads", [0, -1, 1.5])
+def test_painting_takes_a_thread_at_least(backdrops, threads):
+    with pytest.raises(ValueError, match="threads must be a whole number of at least 1"):
+        backdrops.paint(threads=threads)
 
 
 def test_an_unknown_display_is_refused(backdrops):

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+import textwrap
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -46,7 +50,7 @@ def test_leaving_faces_out_leaves_their_hits_out_and_no_more(faces, most):
     np.testing.assert_array_equal(fewer.depths, whole.depths[kept])
     rank = np.arange(len(fewer.faces)) - fewer.offsets[:-1].astype(int)[fewer.pixels]
     np.testing.assert_array_equal(first.faces, fewer.faces[rank < most])
-    assert sum(int(own.sum()) for own, _ in fewer.layers()) == len(fewer.faces)
+    assert sum(len(own) for own, _ in fewer.layers()) == len(fewer.faces)
 
 
 def test_transparent_faces_are_met_only_where_they_are_asked_for():
@@ -54,6 +58,25 @@ def test_transparent_faces_are_met_only_where_they_are_asked_for():
     scene = cyc.Scene(SHEETS.vertices, SHEETS.faces, transparent=transparent)
     assert not transparent[hits(scene, CAMERA).faces].any()
     assert transparent[hits(scene, CAMERA, np.arange(20)).faces].all()
+
+
+def test_of_a_deep_pile_only_what_is_wanted_is_kept():
+    # All hits at once would be 400 MB.
+    child = textwrap.dedent("""
+        import resource
+        import numpy as np
+        import cyclorama as cyc
+        from cyclorama.hits import hits
+        corners = [[(-9, -9, -t), (9, -9, -t), (0, 9, -t)] for t in np.arange(1000) / 1000]
+        pile = cyc.Scene(np.concatenate(corners), np.arange(3000).reshape(-1, 3))
+        camera = cyc.Camera.look_at((0, 0, 1), (0, 0, 0), width=256, height=192)
+        hits(pile, camera.with_size(8, 8), most=2)
+        before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        assert len(hits(pile, camera, most=2).faces) == 2 * 256 * 192
+        print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
+    """)
+    ran = subprocess.run([sys.executable, "-c", child], capture_output=True, text=True, check=True)
+    assert int(ran.stdout) < 100_000
 
 
 def test_where_nothing_is_met_there_is_no_layer():
@@ -67,3 +90,19 @@ def test_where_nothing_is_met_there_is_no_layer():
 def test_a_face_that_is_not_there_is_refused():
     with pytest.raises(ValueError, match=r"faces\[1\] is 60, the scene has 60 faces"):
         hits(SHEETS, CAMERA, [0, 60])
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"most": 0}, "most must be an integer of at least 1, got 0"),
+        ({"most": 1.5}, "most must be an integer of at least 1, got 1.5"),
+        ({"near": np.nan}, "near must be .* got nan"),
+        ({"near": -1}, "near must be .* got -1"),
+        ({"threads": 1.5}, "threads must be .* got 1.5"),
+        ({"camera": [CAMERA, CAMERA]}, "camera must be a Camera, got list"),
+    ],
+)
+def test_other_wrong_arguments_are_refused(options, message):
+    with pytest.raises(ValueError, match=message):
+        hits(**{"scene": SHEETS, "camera": CAMERA} | options)

@@ -298,6 +298,12 @@ def test_out_is_checked_and_used(plan):
         plan.frame([0, 0, 0], [1, 0, 0], out[:10])
 
 
+@pytest.mark.parametrize("images", [0, -1, 1.5, "2"])
+def test_a_frame_has_one_image_at_least(plan, images):
+    with pytest.raises(ValueError, match="images must be an integer of at least 1"):
+        plan.frame([0, 0, 0], [1, 0, 0], images=images)
+
+
 def test_up_may_be_z(scene):
     turned = cyc.Scene(scene.vertices[:, [2, 0, 1]], scene.faces)
     plan = cyc.place_images(turned, BUDGET, up=(0, 0, 1), progress=False)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from .arguments import check_threads, checked_number
 from .camera import Camera, stack
 from .render import BACKGROUND, View, face_ids
 
@@ -45,15 +46,17 @@ class Hits:
         counts = self.offsets[1:].astype(np.int64) - self.offsets[:-1]
         return np.repeat(np.arange(len(counts)), counts)
 
-    def layers(self) -> Iterator[tuple[npt.NDArray[np.bool_], View]]:
+    def layers(self) -> Iterator[tuple[npt.NDArray[np.int64], View]]:
         """The nearest hits of all pixels as a view, then the second ones, and so on; with each, which hits they are."""
         shape = (self.camera.height, self.camera.width)
-        layer = np.arange(len(self.faces)) - self.offsets[:-1].astype(np.int64)[self.pixels]
-        for index in range(int(layer.max(initial=-1)) + 1):
-            own = layer == index
+        starts = self.offsets[:-1].astype(np.int64)
+        counts = self.offsets[1:] - starts
+        for index in range(int(counts.max(initial=0))):
+            there = counts > index
+            own = starts[there] + index
             ids, depth = np.full(shape, BACKGROUND, np.uint32), np.full(shape, np.inf, np.float32)
-            ids.reshape(-1)[self.pixels[own]] = self.faces[own]
-            depth.reshape(-1)[self.pixels[own]] = self.depths[own]
+            ids.reshape(-1)[there] = self.faces[own]
+            depth.reshape(-1)[there] = self.depths[own]
             yield own, View(ids, depth, self.camera, self._scene)
 
 
@@ -84,7 +87,7 @@ def hits(
     Raises
     ------
     ValueError
-        If an entry of `faces` is not a face.
+        If an entry of `faces` is not a face, or another argument is none of the above.
 
     Examples
     --------
@@ -94,6 +97,12 @@ def hits(
     >>> len(list(found.layers()))
     5
     """
+    if not isinstance(camera, Camera):
+        raise ValueError(f"camera must be a Camera, got {type(camera).__name__}")
+    if most is not None and not (isinstance(most, (int, np.integer)) and most >= 1):
+        raise ValueError(f"most must be an integer of at least 1, got {most!r}")
+    near = checked_number("near", near)
+    check_threads(threads)
     only = None if faces is None else face_ids(faces, len(scene))
     limit = 2**32 - 1 if most is None else most
     return Hits(camera, *scene._mesh.hits(stack(camera), only, limit, near, threads), scene)

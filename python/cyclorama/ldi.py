@@ -398,7 +398,7 @@ class LayeredDepthImage:
         Parameters
         ----------
         scene : Scene
-            Its transparent faces are left out.
+            Its transparent faces are left out, but for those that `faces` names.
         camera : Camera
             A pinhole camera.
         layers : int, optional

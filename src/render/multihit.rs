@@ -84,6 +84,8 @@ fn strip<const PERSPECTIVE: bool>(
     let bottom = (top + TILE).min(view.height);
     let mut pixels = vec![Vec::new(); (bottom - top) * view.width];
     let (mut stack, mut faces) = (Vec::new(), Vec::new());
+    // All hits of the pixels of a tile: of a deep pile many more than are kept until the last strip is done.
+    let mut gathered = vec![Vec::new(); TILE * TILE];
     for left in (0..view.width).step_by(TILE) {
         let right = (left + TILE).min(view.width);
         faces.clear();
@@ -100,13 +102,14 @@ fn strip<const PERSPECTIVE: bool>(
                     if row.covers(at)
                         && let Some(nearness) = row.nearness(at)
                     {
-                        pixels[(y - top) * view.width + x].push(nearness.key(view.projection) | tag(id));
+                        gathered[(y - top) * TILE + x - left].push(nearness.key(view.projection) | tag(id));
                     }
                 }
             }
         }
         for y in 0..bottom - top {
-            for pixel in &mut pixels[y * view.width..][left..right] {
+            let kept = &mut pixels[y * view.width..][left..right];
+            for (pixel, kept) in gathered[y * TILE..].iter_mut().zip(kept) {
                 pixel.sort_unstable_by(|a, b| b.cmp(a));
                 let mut last = f64::NEG_INFINITY;
                 pixel.retain(|&sample| {
@@ -115,7 +118,8 @@ fn strip<const PERSPECTIVE: bool>(
                     last = if apart { at } else { last };
                     apart
                 });
-                pixel.truncate(most);
+                *kept = pixel[..most.min(pixel.len())].to_vec();
+                pixel.clear();
             }
         }
     }

@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..arguments import checked_floats, checked_number
 from ..executors import Executor, Team
 from ..fingerprint import fingerprint
 from ..ldi import LayeredDepthImage
@@ -115,12 +116,14 @@ class Backdrops:
             raise ValueError(f"where must be 'use' or 'paper', got {where!r}")
         if not (isinstance(construction, (int, np.integer)) and 0 <= construction <= 254):
             raise ValueError(f"construction must be an integer from 0 to 254, got {construction!r}")
-        if len(size) != 2 or not all(isinstance(side, (int, np.integer)) and 1 <= side <= 1 << 15 for side in size):
+        sides = size if isinstance(size, (tuple, list, np.ndarray)) else ()
+        if len(sides) != 2 or not all(isinstance(side, (int, np.integer)) and 1 <= side <= 1 << 15 for side in sides):
             raise ValueError(f"size must be two numbers of pixels, got {size!r}")
-        for name, value in (("max_holes", max_holes), ("spread", spread), ("max_error", max_error)):
-            if value is not None and not (np.isfinite(value) and value >= 0):
-                raise ValueError(f"{name} must be finite and at least 0, got {value!r}")
-        eyes = np.asarray(plan.domain if region is None else region, np.float64)
+        if color is not None and not callable(color):
+            raise ValueError(f"color must take a View and give its colours, got {color!r}")
+        self._max_holes, self._spread = checked_number("max_holes", max_holes), checked_number("spread", spread)
+        self._max_error = None if max_error is None else checked_number("max_error", max_error)
+        eyes = checked_floats("region", plan.domain if region is None else region)
         low, high = plan.domain
         if (
             eyes.shape != (2, 3)
@@ -136,9 +139,7 @@ class Backdrops:
         share = math.sqrt(plan.images_per_frame)
         width, height = (max(1, round(int(side) / share)) for side in size)
         self._size, self._where = (width, height), where
-        self._construction, self._max_holes = int(construction), float(max_holes)
-        self._spread = float(spread)
-        self._max_error = None if max_error is None else float(max_error)
+        self._construction = int(construction)
         self._on_demand = on_demand
         self._painting = threading.Lock()
         self.color = color or Lit(plan.whole if plan.lod else scene, plan.up)
@@ -321,6 +322,8 @@ class Backdrops:
             Of how many placements something was painted. Interrupted or killed, it leaves whole images; the next call
             goes on from there.
         """
+        if threads is not None and not (isinstance(threads, (int, np.integer)) and threads >= 1):
+            raise ValueError(f"threads must be a whole number of at least 1, or None for all cores, got {threads!r}")
         todo = self.missing()
         done = len(self.plan.images) - len(todo)
         if not todo:

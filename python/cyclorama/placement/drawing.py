@@ -252,9 +252,7 @@ def draw(
     images = tuple(image.index for image in frame.images)
     faces, near = _every_level(pictures, frame), Nearer(np.empty(0, np.uint32), 0.0)
     if images and pictures.foreground is not None and not flat:
-        room = plan.budget - len(faces)
-        cells = [pictures.foreground.cells(index) for index in images]
-        near = pictures.foreground.of(cells[0] if len(cells) == 1 else np.unique(np.concatenate(cells)), camera, room)
+        near = pictures.foreground.rest(frame, camera)
         faces = np.concatenate([faces, near.faces])
     clock.append(time.perf_counter())
     canvas = Canvas(out.color, out.depth, out.ids, out.layer, out.hole)

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from .. import _core
 from ..camera import Camera
 from ..scene import Scene
-from .painting import Placement, behind
+from .painting import Frame, Placement, behind
 from .verify import cell_boxes
 
 __all__ = ["Foreground", "Nearer"]
@@ -65,6 +65,19 @@ class Foreground:
         if image not in self._behind:
             self._behind[image] = np.unique(self._cell[behind(self._plan, self._scene, image)])
         return self._behind[image]
+
+    def rest(self, frame: Frame, camera: Camera) -> Nearer:
+        """What the rest of a frame's budget is spent on: the nearest of all that its images stand for.
+
+        Parameters
+        ----------
+        frame : Frame
+            Of the plan, with one image at least.
+        camera : Camera
+        """
+        drawn = len(frame.faces) + sum(len(level) for level in frame.levels)
+        cells = np.unique(np.concatenate([self.cells(image.index) for image in frame.images]))
+        return self.of(cells, camera, self._plan.budget - drawn)
 
     def of(self, cells: npt.NDArray[np.int64], camera: Camera, room: int) -> Nearer:
         """The cells that come nearest to a camera's eye and have no more faces than there is room for.

@@ -42,8 +42,6 @@ class Group:
     image, node : int
         Of the plan, and of the image's tree.
     eyes, gazes : (K, 3) ndarray of float64
-    room : (K,) ndarray of int64
-        How many more faces the budget would let each frame draw.
     scale : float
         What is seen of the image is about as far from the eyes: so far apart two eyes are as different as two gazes a
         radian apart.
@@ -53,7 +51,6 @@ class Group:
     node: int
     eyes: Floats
     gazes: Floats
-    room: npt.NDArray[np.int64]
     scale: float
 
     @property
@@ -90,12 +87,8 @@ def filled(group: Group, plan: Placement, region: Floats, count: int) -> Group:
     if not 0 < len(group.eyes) < count:
         return group
     more = more_uses(plan, group.image, group.eyes, group.gazes, region, count - len(group.eyes))
-    return replace(
-        group,
-        eyes=np.concatenate([group.eyes, more.eyes]),
-        gazes=np.concatenate([group.gazes, more.gazes]),
-        room=np.concatenate([group.room, more.room]),
-    )
+    eyes, gazes = np.concatenate([group.eyes, more.eyes]), np.concatenate([group.gazes, more.gazes])
+    return replace(group, eyes=eyes, gazes=gazes)
 
 
 def place(eyes: npt.ArrayLike, gazes: npt.ArrayLike, scale: float) -> Floats:
@@ -130,9 +123,7 @@ class Groups:
             else:
                 parent = self.group(image, node // 2)
                 half = _halves(parent.places) == node % 2
-                self._groups[key] = Group(
-                    image, node, parent.eyes[half], parent.gazes[half], parent.room[half], parent.scale
-                )
+                self._groups[key] = Group(image, node, parent.eyes[half], parent.gazes[half], parent.scale)
         return self._groups[key]
 
     def can_divide(self, group: Group) -> bool:
@@ -144,7 +135,7 @@ class Groups:
     def _all(self, image: int) -> Group:
         own, found = self._found.of(image), self._found
         eyes = found.eyes[own]
-        group = Group(image, 1, eyes, found.gazes[own], found.room[own], self._scale(image, eyes))
+        group = Group(image, 1, eyes, found.gazes[own], self._scale(image, eyes))
         return filled(group, self._plan, self._region, _KNOWN)
 
     def _scale(self, image: int, eyes: Floats) -> float:

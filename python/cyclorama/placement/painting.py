@@ -214,14 +214,11 @@ class Uses:
     eyes, gazes : (K, 3) ndarray of float64
     image : (K,) ndarray of int64
         By index, ascending.
-    room : (K,) ndarray of int64
-        How many more faces the budget would let each frame draw.
     """
 
     eyes: Floats
     gazes: Floats
     image: npt.NDArray[np.int64]
-    room: npt.NDArray[np.int64]
 
     def of(self, index: int) -> slice:
         """The frames of one image."""
@@ -250,14 +247,14 @@ def uses(plan: Placement, count: int, *, region: npt.ArrayLike | None = None, se
     low, high = np.asarray(plan.domain if region is None else region, np.float64)
     eyes = rng.uniform(low, high, (count, 3))
     gazes = _gazes(plan, rng, count)
-    found: list[tuple[int, int, int]] = []
+    found: list[tuple[int, int]] = []
     for index in range(count):
         frame = plan.frame(eyes[index], gazes[index])
-        found.extend((image.index, index, plan.budget - len(frame.faces)) for image in frame.images)
-    image, index_of, room = np.array(found, np.int64).reshape(-1, 3).T
+        found.extend((image.index, index) for image in frame.images)
+    image, index_of = np.array(found, np.int64).reshape(-1, 2).T
     order = np.argsort(image, kind="stable")
     at = index_of[order]
-    return Uses(eyes[at], gazes[at], image[order], room[order])
+    return Uses(eyes[at], gazes[at], image[order])
 
 
 def more_uses(plan: Placement, image: int, eyes: Floats, gazes: Floats, region: Floats, wanted: int) -> Uses:
@@ -286,15 +283,14 @@ def more_uses(plan: Placement, image: int, eyes: Floats, gazes: Floats, region: 
     if plan.directions == "yaw":
         ahead -= np.outer(ahead @ up, up)
     ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
-    kept, room = [], []
+    kept: list[int] = []
     for index in range(2 * wanted):
         frame = plan.frame(at[index], ahead[index])
         if any(one.index == image for one in frame.images):
             kept.append(index)
-            room.append(plan.budget - len(frame.faces))
             if len(kept) == wanted:
                 break
-    return Uses(at[kept], ahead[kept], np.full(len(kept), image), np.array(room, np.int64))
+    return Uses(at[kept], ahead[kept], np.full(len(kept), image))
 
 
 def _gazes(plan: Placement, rng: np.random.Generator, count: int) -> Floats:
@@ -395,9 +391,9 @@ def paint_group(
     Some frames of the group are drawn. One after another those join the layered image of which the others still leave
     the most unknown, until none leaves more than `max_holes`: the rest has judged it. In a tangle no number of pictures
     is enough, as each eye sees other parts of what is far behind. If `construction` frames have joined and there are
-    still more holes, the faces that any frame of the group asks it for are peeled, layer by layer, from amid its eyes
-    (`cyclorama.hits`): then all that the ray of a pixel meets of them is known, though most of it was seen from
-    nowhere.
+    still more holes, or all have joined and none is left to judge, the faces that any frame of the group asks it for
+    are peeled, layer by layer, from amid its eyes (`cyclorama.hits`): then all that the ray of a pixel meets of them is
+    known, though most of it was seen from nowhere.
 
     Parameters
     ----------
@@ -425,7 +421,7 @@ def paint_group(
     def nearer(i: int) -> Nearer | None:
         if foreground is None:
             return None
-        return foreground.of(foreground.cells(group.image), cameras[i], group.room[chosen[i]])
+        return foreground.rest(plan.frame(group.eyes[chosen[i]], group.gazes[chosen[i]]), cameras[i])
 
     faces = behind(plan, scene, group.image)
     # What they draw as geometry is painted, too: another frame of the group may have less room for it.
@@ -436,7 +432,7 @@ def paint_group(
     image = LayeredDepthImage.build(central, [frames[0]], threads=threads)
     for i in left:
         judges[i].look(image, threads)
-    while left and len(merged) < construction:
+    while left:
         # What joins can only fill holes: one that was known to have few has no more now.
         worst = max(left, key=lambda i: judges[i].holes)
         if judges[worst].holes <= max_holes:
@@ -444,6 +440,8 @@ def paint_group(
         if judges[worst].joined < len(merged):
             judges[worst].look(image, threads, len(merged))
             continue
+        if len(merged) >= construction:
+            break
         merged.append(worst)
         left.remove(worst)
         image = LayeredDepthImage.build(central, [frames[i] for i in merged], threads=threads)

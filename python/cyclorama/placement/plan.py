@@ -296,7 +296,7 @@ class Plan:
         forward : (3,) array_like of float
             The direction of view, of any length but zero.
         out : (B,) ndarray of uint32, optional
-            At least `budget` long; the faces are a view of it.
+            At least `budget` long, or as long as there are faces if those are fewer; the faces are a view of it.
         images : int, optional
             The most images of the frame, `images_per_frame` by default.
 
@@ -308,7 +308,7 @@ class Plan:
         ------
         ValueError
             If the eye is not finite or nothing is placed for it, the direction is zero or not finite, or not level
-            though the plan is for level gazes.
+            though the plan is for level gazes, or another argument is none of the above.
 
         Examples
         --------
@@ -320,11 +320,14 @@ class Plan:
         """
         at = _vector("eye", eye)
         yaw, pitch = self.angles(forward)
+        most = self.images_per_frame if images is None else images
+        if not (isinstance(most, (int, np.integer)) and most >= 1):
+            raise ValueError(f"images must be an integer of at least 1, got {images!r}")
         room = min(self.budget, len(self.whole))
         if out is None:
             out = np.empty(room, np.uint32)
         elif out.dtype != np.uint32 or out.ndim != 1 or len(out) < room:
-            raise ValueError(f"out must be {self.budget} uint32, got {out.shape} {out.dtype}")
+            raise ValueError(f"out must be {room} uint32, got {out.shape} {out.dtype}")
         count, index = self._kernel.frame((float(at[0]), float(at[1]), float(at[2])), yaw, pitch, out)
         if index == -2:
             if ((at >= self.domain[0]) & (at <= self.domain[1])).all():
@@ -340,7 +343,7 @@ class Plan:
                 "no image is placed for it"
             )
         image = None if index == -1 else self.image(index)
-        most, more = self.images_per_frame if images is None else images, list[int]()
+        more: list[int] = []
         if image is not None and most > 1:
             count, more = self._several.add(out, count, index, at, yaw, pitch, most - 1)
         others = tuple(self.image(other) for other in more)

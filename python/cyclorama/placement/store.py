@@ -127,7 +127,7 @@ class Store(Generic[Image]):
             check_format(found, FORMAT)
         except (ValueError, AttributeError) as error:
             raise ValueError(f"{path} is no whole manifest of backdrops: {error}") from error
-        for key in identity.keys() | found.keys():
+        for key in identity | found:
             if found.get(key) != identity.get(key):
                 raise ValueError(
                     f"{folder} has backdrops of another {key}: {found.get(key)!r}, not {identity.get(key)!r}; "
