@@ -115,11 +115,11 @@ def visible(
     rings : int
         For "neighbours": how often. Many rings flood all that faces the eye.
     supersampling : int
-        For "rays": how finely cluttered views are looked at, those in which 0.65 faces a visible one or more remain that
-        the picture doesn't hide and no point decided (not scans seen whole, but trees, engines and rooms). Such faces
-        get points as dense as so many samples along each side of a pixel. Where things far apart lie side by side
-        nearly everywhere, as leaves do, a finer picture with so many samples is drawn of what is cluttered. 1 does
-        neither.
+        For "rays": how finely cluttered views are looked at, those in which 0.65 faces a visible one or more remain
+        that the picture doesn't hide and no point decided (not scans seen whole, but trees, engines and rooms). Such
+        faces get points as dense as so many samples along each side of a pixel. Where things far apart lie side by
+        side nearly everywhere, as leaves do, a finer picture with so many samples is drawn of what is cluttered. 1
+        does neither.
     points : int
         For "rays": points tested on a face before it is given up, of which those after the fourth only in cluttered
         views, and there on thin faces alone, if no finer picture is drawn; a long thin face gets more, up to 12 times
