@@ -22,7 +22,7 @@ from cyclorama.placement import drawing, painting, walking
 from cyclorama.placement.backdrops import Backdrops
 from cyclorama.placement.drawing import DISPLAYS
 from cyclorama.placement.foreground import Foreground
-from cyclorama.placement.groups import Groups
+from cyclorama.placement.groups import Group, Groups
 from cyclorama.placement.store import Store, size_of
 from cyclorama.placing import camera_through
 from reference.placement import FewImages
@@ -118,6 +118,25 @@ def test_nothing_is_peeled_where_the_last_picture_that_may_join_is_enough(plan, 
     assert len(peels) == 1 and left > 0
     painted = painting.paint_group(plan, scene, group, None, size=SIZE, construction=3, max_holes=left)
     assert painted.holes == left and len(peels) == 1
+
+
+def test_sheets_closer_than_a_pixel_is_wide_are_peeled_as_one(monkeypatch):
+    # A staircase: each of 100 sheets is seen above the one before it, and the lowest rays meet all.
+    steps = [[(-3, -1, z), (3, -1, z), (0, y, z)] for y, z in np.linspace((0, -2), (2, -2.1), 100)]
+    scene = cyc.Scene(np.concatenate(steps), np.arange(300).reshape(-1, 3))
+    plan = FewImages(scene, [(0, 0, 1.6)], 1.3, wide=100.0)
+    eyes = np.random.default_rng(0).uniform((-0.3, -0.2, 0.3), (0.3, 0.6, 0.6), (40, 3))
+    group, layers, hits = Group(0, 1, eyes, np.tile([0.0, 0.0, -1.0], (40, 1)), 2.0), [], painting.hits
+
+    def peel(scene, camera, faces, **options):
+        assert len(faces) > 80
+        found = hits(scene, camera, faces, **options)
+        layers.append(len(list(found.layers())))
+        return found
+
+    monkeypatch.setattr(painting, "hits", peel)
+    painted = painting.paint_group(plan, scene, group, None, size=SIZE, construction=1, max_holes=-1.0)
+    assert layers[0] < 10 and painted.holes < 0.01
 
 
 @pytest.mark.parametrize("display", DISPLAYS)

@@ -79,6 +79,10 @@ WITNESSES = 64
 # The most layers that are peeled: with the most construction images no more than one layered image is built from.
 _LAYERS = 254 - FRAMES
 
+# Surfaces that a ray meets no farther from each other than so many times the width that a pixel covers there are one
+# layer. `LayeredDepthImage.build` would leave out the same, but a pile of a thousand sheets would take gigabytes first.
+_APART = 2.0
+
 
 class Images(Protocol):
     """The images of a plan, side by side."""
@@ -451,8 +455,9 @@ def paint_group(
             known = i < len(frames)
             ids = np.asarray(frames[i].ids if known else scene.render(_wider(camera), faces, threads=threads).ids)
             asked[ids[_asked(ids, nearer(i))]] = True
-        peeled = hits(scene, central.camera, np.flatnonzero(asked), most=_LAYERS, threads=threads).layers()
-        layers = [_pictured(view, color, view.ids == BACKGROUND) for _, view in peeled]
+        near = _APART / float(np.diag(central.camera.K)[:2].min())
+        peeled = hits(scene, central.camera, np.flatnonzero(asked), most=_LAYERS, near=near, threads=threads)
+        layers = [_pictured(view, color, view.ids == BACKGROUND) for _, view in peeled.layers()]
         image = LayeredDepthImage.build(central, [*(frames[i] for i in merged), *layers], threads=threads)
     for i in left or merged:
         judges[i].look(image, threads, len(merged))
