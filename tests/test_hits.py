@@ -79,6 +79,13 @@ def test_of_a_deep_pile_only_what_is_wanted_is_kept():
     assert int(ran.stdout) < 100_000
 
 
+def test_of_hits_that_are_equally_deep_one_is_kept():
+    twice = cyc.Scene(SHEETS.vertices, np.concatenate([SHEETS.faces, SHEETS.faces]))
+    once, both = hits(SHEETS, CAMERA), hits(twice, CAMERA)
+    np.testing.assert_array_equal(both.faces % len(SHEETS), once.faces)
+    np.testing.assert_array_equal(both.depths, once.depths)
+
+
 def test_where_nothing_is_met_there_is_no_layer():
     away = Camera.look_at((0, 0, 9), (0, 0, 20), width=4, height=3)
     assert list(hits(SHEETS, away).layers()) == []

@@ -80,7 +80,8 @@ def hits(
     most : int, optional
         At most so many hits a ray, the nearest ones. All by default.
     near : float
-        A hit that is farther than the one before by at most this share of its depth is left out.
+        A hit that is farther than the one before by at most this share of its depth is left out: with 0 all but one of
+        those that are equally deep.
     threads : int, optional
         All cores by default.
 
