@@ -224,8 +224,8 @@ def test_threads_change_nothing(scene, plan):
     np.testing.assert_array_equal(plan.proof.boxes, other.proof.boxes)
 
 
-def test_a_budget_above_the_scene_needs_no_image(scene):
-    plan = cyc.place_images(scene, 20_000, progress=False)
+def test_a_budget_of_the_whole_scene_needs_no_image(scene):
+    plan = cyc.place_images(scene, len(scene), progress=False)
     assert len(plan.images) == 0
     assert plan.frame([0, 0, 0], [1, 0, 0]).image is None
 
@@ -234,6 +234,10 @@ def test_a_budget_above_the_scene_needs_no_image(scene):
     ("arguments", "words"),
     [
         ({"budget": 0}, "budget must be"),
+        ({"budget": 20_001}, "budget is 20001, the scene has 20000 faces"),
+        ({"fov_x": "wide"}, "fov_x must be"),
+        ({"lod": 5}, "lod must be"),
+        ({"lod": [5]}, "lod must be"),
         ({"budget": 100}, "budget 100 is too small: .* needs"),
         ({"optimize_to": BUDGET + 1}, "optimize_to must be"),
         ({"fov_x": 180.0}, "fov_x must be"),
@@ -271,10 +275,18 @@ def test_scenes_without_room_are_refused():
         cyc.place_images(together, 10, progress=False)
 
 
-def test_one_primitive_needs_no_image():
+def test_one_primitive_has_nothing_to_put_behind_an_image():
     one = cyc.Scene([[0, 0, 0], [1, 0, 0.5], [0, 1, 1]], [[0, 1, 2]])
-    plan = cyc.place_images(one, 1, progress=False)
-    assert len(plan.images) == plan.shell == 0 and len(plan.frame([0.5, 0.5, 0], [0, 0, 1]).faces) <= 1
+    with pytest.raises(ValueError, match="fewer than two faces"):
+        cyc.place_images(one, 1, progress=False)
+
+
+def test_levels_of_detail_keep_what_is_transparent():
+    fine, coarse = cyc.scenes.sphere(320), cyc.scenes.sphere(80)
+    glass = cyc.Scene(fine.vertices, fine.faces, transparent=np.arange(len(fine)) < 7)
+    both = placement.plan.joined(glass, [(coarse, 1.0)])
+    assert both.transparent.sum() == 7 and both.transparent[:7].all() and len(both) == len(fine) + len(coarse)
+    assert placement.plan.joined(fine, [(coarse, 1.0)]).transparent is None
 
 
 @pytest.mark.parametrize(

@@ -678,7 +678,12 @@ def joined(scene: Scene, lod: Sequence[tuple[Scene, float]]) -> Scene:
     colors = None
     if any(s.colors is not None for s in scenes):
         colors = np.concatenate([_face_colors(s) for s in scenes])
-    return Scene(np.concatenate([s.vertices.astype(np.float64) for s in scenes]), np.concatenate(faces), colors)
+    transparent = None
+    if any(s.transparent is not None for s in scenes):
+        masks = [np.zeros(len(s), np.bool_) if s.transparent is None else s.transparent for s in scenes]
+        transparent = np.concatenate(masks)
+    vertices = np.concatenate([s.vertices.astype(np.float64) for s in scenes])
+    return Scene(vertices, np.concatenate(faces), colors, transparent=transparent)
 
 
 def _face_colors(scene: Scene) -> npt.NDArray[np.uint8]:

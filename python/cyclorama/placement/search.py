@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import _core
+from ..arguments import checked_number, checked_whole
 from ..executors import Executor, Team
 from ..progress import Progress, reporter
 from ..region import visible_from
@@ -180,7 +181,8 @@ def place_images(
     Raises
     ------
     ValueError
-        If an argument is out of its range, or the budget is smaller than what can't be put behind an image somewhere:
+        If an argument is out of its range, the budget above the scene, or smaller than what can't be put behind an
+        image somewhere:
         the message says where, how much is needed there, and what budget would do.
 
     Examples
@@ -192,13 +194,22 @@ def place_images(
     >>> len(frame.faces) <= 13_000, frame.image is None
     (True, False)
     """
+    pairs = lod if isinstance(lod, (tuple, list)) else [None]
+    if not all(isinstance(pair, (tuple, list)) and len(pair) == 2 and isinstance(pair[0], Scene) for pair in pairs):
+        raise ValueError(f"lod must be pairs of a Scene and the distance from which on it is drawn, got {lod!r}")
     whole = joined(scene, lod)
     faces = len(whole)
-    if not (isinstance(budget, (int, np.integer)) and budget >= 1):
-        raise ValueError(f"budget must be an integer of at least 1, got {budget!r}")
+    budget = checked_whole("budget", budget, 1)
+    if faces < 2:
+        raise ValueError("the scene has fewer than two faces: nothing of it can be put behind an image")
+    if budget > faces:
+        raise ValueError(f"budget is {budget}, the scene has {faces} faces: a frame may draw all, and needs no plan")
     target = max(int(_TARGET * budget), 1) if optimize_to is None else optimize_to
     if not (isinstance(target, (int, np.integer)) and 1 <= target <= budget):
         raise ValueError(f"optimize_to must be an integer from 1 to the budget, {budget}, got {target!r}")
+    fov_x, aspect, reach = (
+        checked_number(name, value) for name, value in (("fov_x", fov_x), ("aspect", aspect), ("reach", reach))
+    )
     if not _LEAST_FOV <= fov_x <= _MOST_FOV:
         raise ValueError(f"fov_x must be {_LEAST_FOV:g} to {_MOST_FOV:g} degrees, got {fov_x!r}")
     if not 1 / _MOST_ASPECT <= aspect <= _MOST_ASPECT:
@@ -213,7 +224,7 @@ def place_images(
         raise ValueError(f"leaf_depth must be an integer from 0 to {_MOST_LEVELS}, got {leaf_depth!r}")
     if not (isinstance(images_per_frame, (int, np.integer)) and 1 <= images_per_frame <= _MOST_IN_A_FRAME):
         raise ValueError(f"images_per_frame must be an integer from 1 to {_MOST_IN_A_FRAME}, got {images_per_frame!r}")
-    if not (np.isfinite(reach) and reach > 0):
+    if reach == 0:
         raise ValueError(f"reach must be positive, got {reach!r}")
     axis = np.asarray(up, dtype=np.float64)
     if axis.shape != (3,) or not np.isfinite(axis).all() or not axis.any():
