@@ -39,7 +39,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let fill = match fill.as_str() {
         "bare" => Fill::Bare,
         "neighbours" => Fill::Neighbours { rings: 1 },
-        "rays" => Fill::Rays(Rays { supersampling: 3, points: 32 }),
+        "rays" => Fill::Rays(Rays { supersampling: 3, points: 24 }),
         other => return Err(format!("what is {other}?").into()),
     };
     let bytes = std::fs::read(file)?;
