@@ -356,6 +356,8 @@ def test_one_walks_and_looks_with_keys_slider_and_drag(url, running):
         page.focus("#place")
         page.keyboard.press("End")
         assert page.evaluate(state)["t"] == 1
+        # Of a move that is slow to draw pictures are smaller, until it rests.
+        page.wait_for_function("document.getElementById('picture').width === 480", timeout=60_000)
         before = picture(page)
         page.uncheck("[name=slab0]")
         assert (picture(page) != before).any()
