@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from .arguments import check_threads, checked_number
+from .arguments import check_threads, checked_number, checked_whole
 from .camera import Camera, stack
 from .render import BACKGROUND, View, face_ids
 
@@ -100,10 +100,8 @@ def hits(
     """
     if not isinstance(camera, Camera):
         raise ValueError(f"camera must be a Camera, got {type(camera).__name__}")
-    if most is not None and not (isinstance(most, (int, np.integer)) and most >= 1):
-        raise ValueError(f"most must be an integer of at least 1, got {most!r}")
+    limit = 2**32 - 1 if most is None else checked_whole("most", most, 1)
     near = checked_number("near", near)
     check_threads(threads)
     only = None if faces is None else face_ids(faces, len(scene))
-    limit = 2**32 - 1 if most is None else most
     return Hits(camera, *scene._mesh.hits(stack(camera), only, limit, near, threads), scene)

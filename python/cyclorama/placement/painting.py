@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING, Literal, Protocol
 
 import numpy as np
@@ -422,6 +423,7 @@ def paint_group(
     chosen = group.some(WITNESSES)
     cameras = [frame_camera(plan, group.eyes[i], group.gazes[i], size) for i in chosen]
 
+    @cache
     def nearer(i: int) -> Nearer | None:
         if foreground is None:
             return None

@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from .. import _core
 from ..archives import read_archive, write_archive
+from ..arguments import checked_whole
 from ..executors import Executor
 from ..fingerprint import fingerprint
 from ..progress import Progress, reporter
@@ -320,9 +321,7 @@ class Plan:
         """
         at = _vector("eye", eye)
         yaw, pitch = self.angles(forward)
-        most = self.images_per_frame if images is None else images
-        if not (isinstance(most, (int, np.integer)) and most >= 1):
-            raise ValueError(f"images must be an integer of at least 1, got {images!r}")
+        most = self.images_per_frame if images is None else checked_whole("images", images, 1)
         room = min(self.budget, len(self.whole))
         if out is None:
             out = np.empty(room, np.uint32)

@@ -182,8 +182,7 @@ def place_images(
     ------
     ValueError
         If an argument is out of its range, the budget above the scene, or smaller than what can't be put behind an
-        image somewhere:
-        the message says where, how much is needed there, and what budget would do.
+        image somewhere: the message says where, how much is needed there, and what budget would do.
 
     Examples
     --------
