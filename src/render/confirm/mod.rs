@@ -52,8 +52,8 @@ const ROUNDS: [usize; 3] = [4, 8, usize::MAX];
 /// Measured: 0.2 to 0.5 on scans seen whole, 0.7 to 60 on trees, engines, trusses and in rooms.
 const CLUTTERED: f64 = 0.65;
 
-/// Share of [`tears`] from which on a finer picture is drawn where faces are open. Of fewer, points on the faces find as
-/// many for less.
+/// Share of [`tears`] from which on a finer picture is drawn where faces are open. With fewer, points on the faces find
+/// nearly as many for less.
 ///
 /// Measured: up to 0.02 in rooms and up to 0.03 on engines and toys; 0.05 to 0.07 on a tree, of whose visible leaves
 /// points alone lose 1.3 %.
