@@ -24,6 +24,7 @@ from . import bitfield
 from .camera import Camera
 from .render import Fill
 from .scene import Scene
+from .witnesses import toward
 
 __all__ = ["Findings", "look_closely"]
 
@@ -162,13 +163,10 @@ def _close_up(eye: Floats, triangle: npt.NDArray[np.floating], size: int) -> Cam
     """A camera that shows a triangle and what is around it."""
     away = triangle - eye
     away = away / np.maximum(np.linalg.norm(away, axis=1), 1e-300)[:, None]
-    forward = away.mean(axis=0)
-    if np.linalg.norm(forward) < 1e-6:
-        forward = away[0]
-    forward = forward / np.linalg.norm(forward)
-    angle = np.degrees(np.arccos(np.clip((away @ forward).min(), -1, 1))) + _MARGIN
-    up = np.eye(3)[int(np.argmin(np.abs(forward)))]
-    turned = Camera.look_at(np.zeros(3), forward, up, fov_y=2 * min(angle, _WIDEST), width=size, height=size)
-    pose = turned.world_to_camera.copy()
-    pose[:3, 3] = -pose[:3, :3] @ eye
-    return Camera(turned.K, pose, size, size)
+    turn = toward(eye, triangle)
+    angle = np.arccos(np.clip((away @ turn[2]).min(), -1, 1)) + np.radians(_MARGIN)
+    half = size / 2
+    focal = half / np.tan(min(angle, np.radians(_WIDEST)))
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = turn, -turn @ eye
+    return Camera([[focal, 0, half], [0, focal, half], [0, 0, 1]], pose, size, size)

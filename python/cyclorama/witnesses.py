@@ -9,7 +9,7 @@ from .camera import Camera
 from .render import View
 from .scene import Scene
 
-__all__ = ["witness"]
+__all__ = ["toward", "witness"]
 
 Floats = npt.NDArray[np.float64]
 
@@ -72,15 +72,21 @@ def _quarters(triangle: Floats) -> list[Floats]:
     return [np.stack(corners) for corners in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]
 
 
+def toward(eye: Floats, triangle: npt.NDArray[np.floating]) -> Floats:
+    """(3, 3) the turn from the world's axes to those of a camera at an eye that looks at a triangle."""
+    away = triangle - eye
+    forward = (away / np.maximum(np.linalg.norm(away, axis=1), 1e-300)[:, None]).mean(axis=0)
+    if np.linalg.norm(forward) < 1e-6:
+        forward = away[0]
+    up = np.eye(3)[int(np.argmin(np.abs(forward)))]
+    return Camera.look_at(np.zeros(3), forward, up).world_to_camera[:3, :3]
+
+
 def _close_up(eye: Floats, triangle: Floats, size: int) -> Camera:
     """A camera whose image a triangle fills, as far as it is in front of it."""
     away = triangle - eye
     distances = np.linalg.norm(away, axis=1)
-    forward = (away / np.maximum(distances, 1e-300)[:, None]).mean(axis=0)
-    if np.linalg.norm(forward) < 1e-6:
-        forward = away[0]
-    up = np.eye(3)[int(np.argmin(np.abs(forward)))]
-    turn = Camera.look_at(np.zeros(3), forward, up, width=size, height=size).world_to_camera[:3, :3]
+    turn = toward(eye, triangle)
     local = away @ turn.T
     plane = local[:, :2] / np.maximum(local[:, 2], distances / _WIDEST)[:, None]
     low, high = plane.min(axis=0), plane.max(axis=0)
