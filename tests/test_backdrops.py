@@ -120,6 +120,27 @@ def test_nothing_is_peeled_where_the_last_picture_that_may_join_is_enough(plan, 
     assert painted.holes == left and len(peels) == 1
 
 
+def test_what_every_frame_draws_as_geometry_is_not_peeled(scene, used, monkeypatch):
+    plan = FewImages(scene, [(0.1, 0.0, 1.6), (0.0, 0.1, 1.2)], 1.3)
+    plan.budget = len(plan._rest[0]) + 600
+    group, peels = Groups(plan, used, scene.bounds).group(0), []
+
+    def peel(scene, camera, faces, **options):
+        peels.append(set(faces.tolist()))
+        return SimpleNamespace(layers=lambda: [])
+
+    monkeypatch.setattr(painting, "hits", peel)
+    foreground = Foreground(plan, scene)
+    for spent in (foreground, None):
+        painting.paint_group(plan, scene, group, spent, size=SIZE, construction=1, max_holes=-1.0)
+    asked, everything = peels
+    assert asked < everything and everything <= set(plan.culled(0).tolist())
+    frames = [plan.frame(eye, gaze) for eye, gaze in zip(group.eyes, group.gazes, strict=True)]
+    cameras = [painting.frame_camera(plan, eye, gaze, SIZE) for eye, gaze in zip(group.eyes, group.gazes, strict=True)]
+    drawn = [set(foreground.rest(f, c).faces.tolist()) for f, c in zip(frames, cameras, strict=True)]
+    assert not asked & set.intersection(*drawn)
+
+
 def test_sheets_closer_than_a_pixel_is_wide_are_peeled_as_one(monkeypatch):
     # A staircase: each of 100 sheets is seen above the one before it, and the lowest rays meet all.
     steps = [[(-3, -1, z), (3, -1, z), (0, y, z)] for y, z in np.linspace((0, -2), (2, -2.1), 100)]
