@@ -24,6 +24,7 @@ import json
 import tempfile
 import time
 from argparse import Namespace as Options
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
@@ -82,16 +83,24 @@ def is_good(estimate: float, truth: int) -> bool:
     return truth / 2 <= estimate <= 2 * truth or abs(truth - estimate) <= 2
 
 
+def long_runs(look: Callable[..., cyc.Region], eyes: int) -> list[cyc.Region]:
+    """What so many even eyes see: where a run ends because its first eyes saw nothing new, others follow."""
+    runs: list[cyc.Region] = []
+    while (spent := sum(len(run.eyes) for run in runs)) < eyes:
+        runs.append(look(max_eyes=eyes - spent, patience=eyes, seed=1 + len(runs)))
+    return runs
+
+
 def measured(level: Level, caster: o3d.t.geometry.RaycastingScene, box: Box, number: int, options: Options) -> Row:
     """All that is asked of one box."""
     (low, high), scene = box, level.scene
     look = partial(cyc.visible_from, scene, low, high, resolution=128, progress=False)
     even, seconds = lab.elapsed(look, clock=time.process_time)
     region, in_all = lab.elapsed(partial(look, guided=True), clock=time.process_time)
-    long = look(max_eyes=options.long, patience=options.long, seed=1)
+    runs = long_runs(look, options.long)
     shorter = [look(max_eyes=eyes, patience=eyes, guided=True) for eyes in AFTER]
     hit = rays_hit(caster, low, high, options.rays, number)
-    truth = np.union1d(long.faces, hit)
+    truth = np.unique(np.concatenate([hit, *(run.faces for run in runs)]))
     known = len(np.unique(np.concatenate([truth, *(found.faces for found in (*shorter, region))])))
     starts, points = region.witnesses(scene)
     allowed = np.ones(len(scene), bool)
@@ -115,7 +124,7 @@ def measured(level: Level, caster: o3d.t.geometry.RaycastingScene, box: Box, num
         "left by close looks": left,
         "estimated then": round(region.unseen, 1),
         "good then": is_good(region.unseen, left),
-        "even eyes": (long.growth / known).round(5).tolist(),
+        "even eyes": (runs[0].growth / known).round(5).tolist(),
         "and then close looks": [round(len(found.faces) / known, 5) for found in (*shorter, region)],
     }
 

@@ -87,8 +87,10 @@ impl Mesh {
     }
 
     /// The three corners of a face, in the mesh's own units.
+    #[inline(always)]
     pub fn corners(&self, face: usize) -> [DVec3; 3] {
-        self.faces[face].map(|v| self.positions[v as usize])
+        let [a, b, c] = self.faces[face];
+        [self.positions[a as usize], self.positions[b as usize], self.positions[c as usize]]
     }
 
     /// Whether a face has no area: two equal corners, or all three on a line, exactly.

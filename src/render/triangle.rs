@@ -99,7 +99,7 @@ impl Triangle {
     /// Sets up a face; `None` if it is seen edge-on, has no area, or lies behind the eye.
     #[inline(always)]
     pub fn new(view: &View, corners: &[Vertex; 3]) -> Option<Self> {
-        let [a, b, c] = corners.map(Vertex::vector);
+        let [a, b, c] = [corners[0].vector(), corners[1].vector(), corners[2].vector()];
         let normal = (b - a).cross(c - a);
         let det = normal.dot(a);
         let reach = a.length_squared().max(b.length_squared()).max(c.length_squared());
@@ -109,8 +109,9 @@ impl Triangle {
         }
         let sign = det.signum();
         let edges = [b.cross(c) * sign, c.cross(a) * sign, a.cross(b) * sign];
-        let least = edges.map(|n| if owns_its_points(n) { 0.0 } else { f64::from_bits(1) });
-        let [p, q, r] = corners.map(|v| v.value);
+        let least = |n| if owns_its_points(n) { 0.0 } else { f64::from_bits(1) };
+        let least = [least(edges[0]), least(edges[1]), least(edges[2])];
+        let [p, q, r] = [corners[0].value, corners[1].value, corners[2].value];
         let mut range = [p.min(q).min(r), p.max(q).max(r)];
         let plane = match view.projection {
             Projection::Perspective => {

@@ -97,20 +97,25 @@ impl View {
     #[inline(always)]
     pub fn project(&self, p: DVec3) -> Vertex {
         let m = &self.matrix;
-        let h = [0, 1, 2].map(|i| m.x_axis[i] * p.x + m.y_axis[i] * p.y + m.z_axis[i] * p.z + self.offset[i]);
+        let [x, y, w] = [
+            m.x_axis.x * p.x + m.y_axis.x * p.y + m.z_axis.x * p.z + self.offset.x,
+            m.x_axis.y * p.x + m.y_axis.y * p.y + m.z_axis.y * p.z + self.offset.y,
+            m.x_axis.z * p.x + m.y_axis.z * p.y + m.z_axis.z * p.z + self.offset.z,
+        ];
         let value = match self.projection {
-            Projection::Perspective => 1.0 / h[2],
+            Projection::Perspective => 1.0 / w,
             Projection::Orthographic => {
                 self.axis.x * p.x + self.axis.y * p.y + self.axis.z * p.z + self.distance
             }
         };
-        Vertex { x: h[0], y: h[1], w: h[2], value }
+        Vertex { x, y, w, value }
     }
 
     /// Projects the corners of a face.
     #[inline(always)]
     pub fn project_face(&self, mesh: &Mesh, face: u32) -> [Vertex; 3] {
-        mesh.corners(face as usize).map(|p| self.project(p))
+        let [a, b, c] = mesh.corners(face as usize);
+        [self.project(a), self.project(b), self.project(c)]
     }
 
     /// Column and row of a vertex before the eye's plane, counted in pixel centres from the top-left one.

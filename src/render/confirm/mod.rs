@@ -16,6 +16,7 @@
 //! Missed is what can only be seen between all tested points, or through a gap between samples that seem to hide it.
 
 mod candidates;
+mod occluders;
 mod place;
 mod points;
 mod tears;
@@ -26,11 +27,11 @@ use super::frame::{CLOSED, Frame, TILE};
 use super::lanes::InstructionSet;
 use super::pyramid::Pyramid;
 use super::scene::Scene;
-use super::triangle::{Nearness, Triangle};
-use super::view::{Vertex, View};
+use super::view::View;
 use super::visible::{Rays, is_set, set};
 use crate::camera::Camera;
 use candidates::Candidates;
+use occluders::{Occluders, hides_all};
 use place::{First, Offsets, Rest, Side, Spread, Wanted};
 use points::{Pass, Point, Points};
 use trials::{Thin, Trials};
@@ -69,6 +70,7 @@ pub struct Confirm {
     /// The finer picture, closed between views.
     fine: Frame,
     candidates: Candidates,
+    occluders: Occluders,
     spread: Spread,
     trials: Trials,
     list: Vec<Point>,
@@ -119,13 +121,14 @@ impl Confirm {
         self.spread.reach(rays.points);
         let samples = rays.supersampling;
         if tears::share(&view, camera, &band) < TORN {
-            let Self { pyramid, unclear, candidates, spread, trials, .. } = self;
+            let Self { pyramid, unclear, candidates, occluders, spread, trials, .. } = self;
             let (grid, points) = (Some(&Offsets::new(samples)), rays.points);
             let (view, mesh, band) = (&view, scene.mesh(), &band);
             let rest = Rest {
                 view,
                 mesh,
                 candidates,
+                occluders,
                 pyramid,
                 band,
                 unclear,
@@ -139,7 +142,7 @@ impl Confirm {
             self.rest(scene, view, row);
             return;
         }
-        let Self { pyramid, unclear, candidates, busy, squares, spread, trials, .. } = self;
+        let Self { pyramid, unclear, candidates, occluders, busy, squares, spread, trials, .. } = self;
         busy.clear(&view);
         candidates.find_busy(&view, pyramid, &band, unclear, busy);
         squares.clear();
@@ -150,6 +153,7 @@ impl Confirm {
         fine.fill(side, &self.squares, 0);
         draw(&view, fine, side, &self.squares, row);
         candidates.project(&view, scene.mesh(), |face| is_set(row, face));
+        occluders.clear();
         {
             let (view, band, points, samples) = (&view, &fine.whole(), rays.points, samples as f64);
             pyramid.read(band);
@@ -157,6 +161,7 @@ impl Confirm {
                 view,
                 mesh: scene.mesh(),
                 candidates,
+                occluders,
                 pyramid,
                 band,
                 unclear,
@@ -199,8 +204,8 @@ impl Confirm {
     /// Tests the points of the trials; candidates of which one is open go into `row`.
     fn rest(&mut self, scene: &Scene, view: &View, row: &mut [u64]) {
         for most in ROUNDS {
-            let Self { trials, list, points, .. } = self;
-            InstructionSet::best().run(Thin { trials, view, mesh: scene.mesh() });
+            let Self { trials, occluders, list, points, .. } = self;
+            InstructionSet::best().run(Thin { trials, occluders, view, mesh: scene.mesh() });
             list.clear();
             trials.pick(most, list);
             if list.is_empty() {
@@ -217,20 +222,12 @@ impl Confirm {
 
     /// Drops the candidates that one face hides wholly: one that hides one of their points.
     fn drop_hidden(&mut self, scene: &Scene, view: &View) {
-        self.candidates.retain(|corners, hiders| {
-            !hiders.iter().any(|face| hides_all(view, &view.project_face(scene.mesh(), face), corners))
+        let Self { candidates, occluders, .. } = self;
+        occluders.clear();
+        candidates.retain(|corners, hiders| {
+            !hiders.iter().any(|face| {
+                occluders.get(view, scene.mesh(), face).is_some_and(|face| hides_all(view, face, corners))
+            })
         });
     }
-}
-
-/// Whether one face is nearer than all of another: than each of its corners, and so, both being flat, than all
-/// between them.
-fn hides_all(view: &View, occluder: &[Vertex; 3], corners: &[Vertex; 3]) -> bool {
-    let Some(triangle) = Triangle::new(view, occluder) else { return false };
-    corners.iter().all(|h| {
-        h.w > 0.0
-            && triangle
-                .hit(h.x / h.w, h.y / h.w)
-                .is_some_and(|n| n.is_before(Nearness(h.value), view.projection))
-    })
 }

@@ -2,6 +2,7 @@
 
 use super::FIRST;
 use super::candidates::Candidates;
+use super::occluders::Occluders;
 use super::points::Point;
 use super::trials::{HIDERS, Trials};
 use super::unclear::{RING, Unclear};
@@ -226,6 +227,7 @@ pub struct Rest<'a, 'b> {
     pub view: &'a View,
     pub mesh: &'a Mesh,
     pub candidates: &'a Candidates,
+    pub occluders: &'a mut Occluders,
     pub pyramid: &'a mut Pyramid,
     pub band: &'a Band<'b>,
     pub unclear: &'a mut Unclear,
@@ -243,8 +245,20 @@ impl Kernel for Rest<'_, '_> {
 
     #[inline(always)]
     fn run<L: Lanes>(self) {
-        let Self { view, mesh, candidates, pyramid, band, unclear, points, samples, grid, spread, trials } =
-            self;
+        let Self {
+            view,
+            mesh,
+            candidates,
+            occluders,
+            pyramid,
+            band,
+            unclear,
+            points,
+            samples,
+            grid,
+            spread,
+            trials,
+        } = self;
         trials.clear();
         for owner in 0..candidates.len() {
             trials.begin();
@@ -257,7 +271,7 @@ impl Kernel for Rest<'_, '_> {
             unclear.widen();
             let mut hiders = [const { None }; HIDERS];
             for (test, face) in hiders.iter_mut().zip(candidates.hiders(owner).iter()) {
-                *test = Triangle::new(view, &view.project_face(mesh, face)).as_ref().map(Test::<L>::new);
+                *test = occluders.get(view, mesh, face).map(Test::<L>::new);
             }
             let mut open = Open { view, unclear, test: Test::new(&triangle), hiders, trials };
             let (side, doubled_area) = size(corners);

@@ -1,12 +1,13 @@
 //! Points of faces that are yet to be tested, and the faces known to hide some: what hides one point of a face often
 //! hides most of it, so that a few points decide about many.
 
+use super::occluders::Occluders;
 use super::place::{Test, plane_at};
 use super::points::{OPEN, Point};
 use crate::camera::Projection;
 use crate::mesh::Mesh;
 use crate::render::lanes::{Kernel, Lanes, MOST_LANES};
-use crate::render::triangle::{Nearness, Triangle};
+use crate::render::triangle::Nearness;
 use crate::render::view::View;
 
 /// Different faces that are remembered to hide points of one face.
@@ -111,6 +112,7 @@ impl Trials {
 /// Drops all points of faces that have an open one, and those that a known face hides, as a kernel.
 pub struct Thin<'a> {
     pub trials: &'a mut Trials,
+    pub occluders: &'a mut Occluders,
     pub view: &'a View,
     pub mesh: &'a Mesh,
 }
@@ -120,7 +122,7 @@ impl Kernel for Thin<'_> {
 
     #[inline(always)]
     fn run<L: Lanes>(self) {
-        let Self { trials, view, mesh } = self;
+        let Self { trials, occluders, view, mesh } = self;
         let Trials { spans, x, y, values, hiders, open } = trials;
         let room = x.len().max(spans.last().map_or(0, |span| span[1] as usize + MOST_LANES));
         for array in [&mut *x, &mut *y, &mut *values] {
@@ -134,8 +136,8 @@ impl Kernel for Thin<'_> {
                 if span[0] == span[1] {
                     break;
                 }
-                let Some(triangle) = Triangle::new(view, &view.project_face(mesh, hider)) else { continue };
-                let test = Test::<L>::new(&triangle);
+                let Some(triangle) = occluders.get(view, mesh, hider) else { continue };
+                let test = Test::<L>::new(triangle);
                 let mut kept = span[0] as usize;
                 for first in (span[0] as usize..span[1] as usize).step_by(L::COUNT) {
                     let real = (1_u32 << (span[1] as usize - first).min(L::COUNT)) - 1;
@@ -192,6 +194,7 @@ mod tests {
     use super::*;
     use crate::render::fixtures::{cameras, meshes};
     use crate::render::lanes::InstructionSet;
+    use crate::render::triangle::Triangle;
     use proptest::prelude::*;
 
     #[test]
@@ -246,7 +249,8 @@ mod tests {
                     hidden.chain(open.then_some(OPEN)).map(move |answer| (owner as u32, answer))
                 });
                 trials.learn(answers);
-                set.run(Thin { trials: &mut trials, view: &view, mesh: &mesh });
+                let occluders = &mut Occluders::default();
+                set.run(Thin { trials: &mut trials, occluders, view: &view, mesh: &mesh });
                 let left = |owner: u32| {
                     let (hiders, open) = &owners[owner as usize];
                     let of_owner = points.iter().filter(move |point| point.owner == owner && !open);
