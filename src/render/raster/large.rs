@@ -161,13 +161,16 @@ impl<'a, L: Lanes> Brush<'a, L> {
 
     #[inline(always)]
     fn draw<const PERSPECTIVE: bool>(&self, area: &PixelBox, canvas: &mut Canvas<'_, '_>) {
+        if area.x.len() <= NARROW {
+            for top in area.y.clone().step_by(TILE) {
+                let rows = top..(top + TILE).min(area.y.end);
+                self.fill::<PERSPECTIVE>(canvas.view, &area.x, &rows, canvas.band, false);
+            }
+            return;
+        }
         let first = area.y.start - (area.y.start - canvas.band.rows.start) % TILE;
         for top in (first..area.y.end).step_by(TILE) {
             let rows = top.max(area.y.start)..(top + TILE).min(area.y.end);
-            if area.x.len() <= NARROW {
-                self.fill::<PERSPECTIVE>(canvas.view, &area.x, &rows, canvas.band, false);
-                continue;
-            }
             let left = area.x.start / TILE * TILE;
             for left in (left..area.x.end).step_by(TILE * L::COUNT) {
                 self.tiles::<PERSPECTIVE>(&area.x, &rows, left, canvas);
