@@ -10,28 +10,30 @@ a face (`cyclorama.gaps`): that finds most of what five times as many eyes would
 costs the estimate, as what is left then has little to do with what was found.
 
 The set is *aggressive*: every face in it is seen from somewhere, but one that is seen only from a small part of the box
-may be missing. How many are, is estimated from how many faces were seen by one eye only, by two, three and four, once
+may be missing. How many are, is estimated from how many faces were seen by one eye only, by two, and so on to eight, once
 the corners have been looked from. Let a face be seen from a share p of the places that eyes are put at, and let the
 faces have the density ``p^(a - 1)`` over that share. Then those that k of n eyes see are as ``Gamma(k + a) / k!``,
-whatever n is, k = 0 included; and of those that no eye saw M times as many eyes more would find the share
-``1 - (1 + M)^-a``. a = 0.3 is from a castle and from furnished houses; M = 5 is what the estimate is given for, as
-nothing tells how many faces are left when nobody looks longer. Of the four counts the first weighs most: it is the one
-that a wrong density spoils least. Chao's estimate, from faces seen by one eye and by two, was a third of the truth: it
-expects all faces to be about equally hard to see, and the hardest are not.
+whatever n is, and M times as many eyes more find ``Gamma(a) (1 - (1 + M)^-a)`` on that scale. Which a it is the counts
+tell: 0.2 or so in castles and furnished houses, -0.3 in an engine, where faces show through ever finer gaps. With few
+counts it is kept near 0.2. M = 5 is what the estimate is given for, as nothing tells how many faces are left when nobody
+looks longer. Chao's estimate, from faces seen by one eye and by two, was a third of the truth: it expects all faces to be
+about equally hard to see, and the hardest are not.
 
 Whether to end is asked only after each 208 eyes. Asked more often, it ends when few new faces happen to have come, and
 just then the estimate is too low; with fewer the density is not yet like that. Only where 64 eyes see nothing that the
 corners have not, it ends at once.
 
-After close looks only those faces are counted that no look shows which another eye led to: the others would have been
-found without the eyes that saw them, and what is like them has been found. One face more is expected, as some that are
-missing have nothing beside them that eyes saw. How good an estimate can be is limited by that faces come into view in
-groups, behind one gap: a few groups decide, and after close looks fewer still. Nothing knows of faces that no eye is
-likely to meet: a face behind a keyhole leaves no trace.
+After close looks only those faces are counted, seen by up to four eyes, that no look shows which another eye led to: the
+others would have been found without the eyes that saw them, and what is like them has been found. One face more is
+expected, as some that are missing have nothing beside them that eyes saw. How good an estimate can be is limited by that
+faces come into view in groups, behind one gap: where some ten are missing, two or three groups decide, and after close
+looks fewer still. Neither the size of the box, nor how many eyes saw the rarest faces, nor what larger boxes show says
+more. Nothing knows of faces that no eye is likely to meet: a face behind a keyhole leaves no trace.
 
 None of these made it better: eyes that skip faces seen five times or more (twice as fast, but then clutter is no
 longer noticed and fine pictures are not drawn, so they see less); segments from random points of the box to random
-points of unseen faces (ten million find fewer than as many seconds of eyes); other weights, more counts than four.
+points of unseen faces (ten million find fewer than as many seconds of eyes); the exact share of places that see each
+face found, in place of a count; twice and three times the eyes.
 """
 
 from __future__ import annotations
@@ -64,12 +66,21 @@ _EVENLY = 64
 #: Close looks for each eye, about.
 _LOOKS = 7
 
-#: What the shares of places that see faces are distributed by: their density goes as p^(this - 1). Measured, see above.
-_TAIL = 0.3
+#: Faces are counted that so many eyes saw, at most.
+_MOST_SIGHTINGS = 8
 
-#: How much the faces count for the estimate that one eye saw, two, three and four: with fewer chance decides, with more
-#: the density's other end.
-_WEIGHTS = np.array([8.0, 5.0, 3.0, 2.0])
+#: Of these close looks are taken.
+_RARE = 4
+
+#: What the shares of places that see faces may be distributed by: their density goes as p^(this - 1). 0 is not among them,
+#: where the formulas have no value.
+_TAILS = np.linspace(-0.79, 1.21, 101)
+
+#: Where that lies before anything was counted, and how far from it. Measured, see above.
+_USUAL, _SPREAD = 0.2, 0.3
+
+#: Faces come into view in groups: so many tell as much as one that comes alone.
+_GROUP = 4.0
 
 #: The estimate is of what so many times as many eyes more would find.
 _MORE = 5.0
@@ -258,7 +269,7 @@ def visible_from(
     later = np.flatnonzero(first >= (corners if beyond > 0 else 0))
     unseen = _unseen(sightings[later], beyond if beyond > 0 else len(eyes))
     if guided and beyond > 0 and len(later):
-        rare = later[sightings[later] <= len(_WEIGHTS)]
+        rare = later[sightings[later] <= _RARE]
         found = look_closely(
             scene,
             box,
@@ -273,7 +284,7 @@ def visible_from(
             seed=seed,
             threads=threads,
         )
-        unseen = _unseen(sightings[rare[~found.again]], beyond) + _TRACELESS
+        unseen = _unseen(sightings[rare[~found.again]], beyond, _RARE) + _TRACELESS
         for eye, new in enumerate(found.faces, len(eyes)):
             first[new] = eye
             growth.append(growth[-1] + len(new))
@@ -295,16 +306,20 @@ def _columns(words: npt.NDArray[np.uint64], faces: npt.NDArray[np.int64]) -> npt
     return (words[:, faces // 64] >> (faces % 64).astype(np.uint64) & np.uint64(1)).astype(bool)
 
 
-def _unseen(sightings: npt.NDArray[np.int64], eyes: int) -> float:
-    """How many faces more eyes would find, from how many eyes saw each of the others; see the module's text."""
-    if eyes < 2:
+def _unseen(sightings: npt.NDArray[np.int64], eyes: int, most: int = _MOST_SIGHTINGS) -> float:
+    """How many faces more eyes would find, from how many eyes saw each of the others, where they were at most so many;
+    see the module's text."""
+    most = min(most, eyes)
+    seen = np.bincount(sightings, minlength=most + 1)[1 : most + 1]
+    if eyes < 2 or not seen.any():
         return 0.0
-    weights = _WEIGHTS[:eyes]
-    times = np.arange(1, len(weights) + 1)
-    # Gamma(k + a) / (k! Gamma(a)) for k = 1, 2, ...
-    shares = np.cumprod((times - 1 + _TAIL) / times)
-    seen = np.bincount(sightings, minlength=len(weights) + 1)[1 : len(weights) + 1]
-    return float((1 - (1 + _MORE) ** -_TAIL) * (weights @ seen) / (weights @ shares))
+    times = np.arange(1, most + 1)
+    # Gamma(k + a) / (k! Gamma(1 + a)) for k = 1, 2, ..., a row for each a.
+    shares = np.cumprod((times - 1 + _TAILS[:, None]) / times, axis=1) / _TAILS[:, None]
+    likelihood = np.log(shares / shares.sum(axis=1, keepdims=True)) @ seen / _GROUP
+    best = int(np.argmax(likelihood - ((_TAILS - _USUAL) / _SPREAD) ** 2 / 2))
+    tail = float(_TAILS[best])
+    return float(seen.sum() / shares[best].sum() * (1 - (1 + _MORE) ** -tail) / tail)
 
 
 def check_box(low: npt.ArrayLike, high: npt.ArrayLike) -> Floats:
