@@ -81,7 +81,7 @@ def test_a_short_look_expects_what_a_long_one_finds():
 
 @pytest.mark.parametrize("tail", [-0.3, 0.2, 0.5])
 def test_what_is_unseen_is_as_many_as_a_power_law_says(tail):
-    """Faces whose shares of places have the density p^(a - 1): five times as many eyes more find as many, whatever a is.
+    """Faces whose shares of places have the density p^(a - 1): five times as many eyes more find as many, for each a.
 
     A share below 1e-6 is met by five times 256 eyes so seldom that it may be left out.
     """

@@ -9,26 +9,26 @@ few new faces, or when there are no more eyes to spend. With `guided=True` it is
 a face (`cyclorama.gaps`): that finds most of what five times as many eyes would, for a third of what the eyes cost, and
 costs the estimate, as what is left then has little to do with what was found.
 
-The set is *aggressive*: every face in it is seen from somewhere, but one that is seen only from a small part of the box
-may be missing. How many are, is estimated from how many faces were seen by one eye only, by two, and so on to eight, once
-the corners have been looked from. Let a face be seen from a share p of the places that eyes are put at, and let the
-faces have the density ``p^(a - 1)`` over that share. Then those that k of n eyes see are as ``Gamma(k + a) / k!``,
-whatever n is, and M times as many eyes more find ``Gamma(a) (1 - (1 + M)^-a)`` on that scale. Which a it is the counts
-tell: 0.2 or so in castles and furnished houses, -0.3 in an engine, where faces show through ever finer gaps. With few
-counts it is kept near 0.2. M = 5 is what the estimate is given for, as nothing tells how many faces are left when nobody
-looks longer. Chao's estimate, from faces seen by one eye and by two, was a third of the truth: it expects all faces to be
-about equally hard to see, and the hardest are not.
+The set is *aggressive*: every face in it is seen from somewhere, but one that is seen only from a small part of the
+box may be missing. How many are, is estimated from how many faces were seen by one eye only, by two, and so on to
+eight, once the corners have been looked from. Let a face be seen from a share p of the places that eyes are put at,
+and let the faces have the density ``p^(a - 1)`` over that share. Then those that k of n eyes see are as ``Gamma(k +
+a) / k!``, whatever n is, and M times as many eyes more find ``Gamma(a) (1 - (1 + M)^-a)`` on that scale. Which a it
+is the counts tell: 0.2 or so in castles and furnished houses, -0.3 in an engine, where faces show through ever finer
+gaps. With few counts it is kept near 0.2. M = 5 is what the estimate is given for, as nothing tells how many faces
+are left when nobody looks longer. Chao's estimate, from faces seen by one eye and by two, was a third of the truth:
+it expects all faces to be about equally hard to see, and the hardest are not.
 
 Whether to end is asked only after each 208 eyes. Asked more often, it ends when few new faces happen to have come, and
 just then the estimate is too low; with fewer the density is not yet like that. Only where 64 eyes see nothing that the
 corners have not, it ends at once.
 
-After close looks only those faces are counted, seen by up to four eyes, that no look shows which another eye led to: the
-others would have been found without the eyes that saw them, and what is like them has been found. One face more is
-expected, as some that are missing have nothing beside them that eyes saw. How good an estimate can be is limited by that
-faces come into view in groups, behind one gap: where some ten are missing, two or three groups decide, and after close
-looks fewer still. Neither the size of the box, nor how many eyes saw the rarest faces, nor what larger boxes show says
-more. Nothing knows of faces that no eye is likely to meet: a face behind a keyhole leaves no trace.
+After close looks only those faces are counted, seen by up to four eyes, that no look shows which another eye led to:
+the others would have been found without the eyes that saw them, and what is like them has been found. One face more
+is expected, as some that are missing have nothing beside them that eyes saw. How good an estimate can be is limited
+by that faces come into view in groups, behind one gap: where some ten are missing, two or three groups decide, and
+after close looks fewer still. Neither the size of the box, nor how many eyes saw the rarest faces, nor what larger
+boxes show says more. Nothing knows of faces that no eye is likely to meet: a face behind a keyhole leaves no trace.
 
 None of these made it better: eyes that skip faces seen five times or more (twice as fast, but then clutter is no
 longer noticed and fine pictures are not drawn, so they see less); segments from random points of the box to random
@@ -72,8 +72,8 @@ _MOST_SIGHTINGS = 8
 #: Of these close looks are taken.
 _RARE = 4
 
-#: What the shares of places that see faces may be distributed by: their density goes as p^(this - 1). 0 is not among them,
-#: where the formulas have no value.
+#: What the shares of places that see faces may be distributed by: their density goes as p^(this - 1). 0 is not among
+#: them, where the formulas have no value.
 _TAILS = np.linspace(-0.79, 1.21, 101)
 
 #: Where that lies before anything was counted, and how far from it. Measured, see above.
