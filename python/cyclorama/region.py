@@ -12,12 +12,12 @@ costs the estimate, as what is left then has little to do with what was found.
 The set is *aggressive*: every face in it is seen from somewhere, but one that is seen only from a small part of the
 box may be missing. How many are, is estimated from how many faces were seen by one eye only, by two, and so on to
 eight, once the corners have been looked from. Let a face be seen from a share p of the places that eyes are put at,
-and let the faces have the density ``p^(a - 1)`` over that share. Then those that k of n eyes see are as ``Gamma(k +
-a) / k!``, whatever n is, and M times as many eyes more find ``Gamma(a) (1 - (1 + M)^-a)`` on that scale. Which a it
-is the counts tell: 0.2 or so in castles and furnished houses, -0.3 in an engine, where faces show through ever finer
-gaps. With few counts it is kept near 0.2. M = 5 is what the estimate is given for, as nothing tells how many faces
-are left when nobody looks longer. Chao's estimate, from faces seen by one eye and by two, was a third of the truth:
-it expects all faces to be about equally hard to see, and the hardest are not.
+and let the faces have the density ``p^(a - 1)`` over that share. Then those that k of n eyes see are as
+``Gamma(k + a) / k!``, whatever n is, and M times as many eyes more find ``Gamma(a) (1 - (1 + M)^-a)`` on that scale.
+Which a it is the counts tell: 0.2 or so in castles and furnished houses, -0.3 in an engine, where faces show through
+ever finer gaps. With few counts it is kept near 0.2. M = 5 is what the estimate is given for, as nothing tells how many
+faces are left when nobody looks longer. Chao's estimate, from faces seen by one eye and by two, was a third of the
+truth: it expects all faces to be about equally hard to see, and the hardest are not.
 
 Whether to end is asked only after each 208 eyes. Asked more often, it ends when few new faces happen to have come, and
 just then the estimate is too low; with fewer the density is not yet like that. Only where 64 eyes see nothing that the
