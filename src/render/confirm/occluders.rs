@@ -6,7 +6,7 @@ use crate::render::triangle::{Nearness, Triangle};
 use crate::render::view::{Vertex, View};
 
 /// How many are kept, each in the place that its number gives it.
-const PLACES: usize = 256;
+const PLACES: usize = 1024;
 
 /// Faces as a view sees them, set up when they are first asked for.
 pub struct Occluders {

@@ -260,6 +260,7 @@ impl Kernel for Rest<'_, '_> {
             trials,
         } = self;
         trials.clear();
+        let mut hiders = Vec::with_capacity(HIDERS);
         for owner in 0..candidates.len() {
             trials.begin();
             let corners = candidates.corners(owner);
@@ -269,11 +270,13 @@ impl Kernel for Rest<'_, '_> {
                 continue;
             }
             unclear.widen();
-            let mut hiders = [const { None }; HIDERS];
-            for (test, face) in hiders.iter_mut().zip(candidates.hiders(owner).iter()) {
-                *test = occluders.get(view, mesh, face).map(Test::<L>::new);
+            hiders.clear();
+            for face in candidates.hiders(owner).iter() {
+                if let Some(occluder) = occluders.get(view, mesh, face) {
+                    hiders.push(Test::<L>::new(occluder));
+                }
             }
-            let mut open = Open { view, unclear, test: Test::new(&triangle), hiders, trials };
+            let mut open = Open { view, unclear, test: Test::new(&triangle), hiders: &hiders, trials };
             let (side, doubled_area) = size(corners);
             let thick = doubled_area > THICK * samples * side;
             if let Some(offsets) = grid
@@ -298,7 +301,7 @@ struct Open<'a, L: Lanes> {
     view: &'a View,
     unclear: &'a Unclear,
     test: Test<L>,
-    hiders: [Option<Test<L>>; HIDERS],
+    hiders: &'a [Test<L>],
     trials: &'a mut Trials,
 }
 
@@ -345,7 +348,7 @@ impl<L: Lanes> Open<'_, L> {
         mask = L::and(mask, L::splat(0.5 * view.height as f64).ge(y.abs()));
         let (covers, value) = self.test.at(view, x, y);
         let mut left = L::bits(L::and(mask, covers));
-        for hider in self.hiders.iter().flatten() {
+        for hider in self.hiders {
             if left == 0 {
                 return;
             }
