@@ -96,6 +96,14 @@ def test_what_is_unseen_is_as_many_as_a_power_law_says(tail):
     assert _unseen(np.array([1]), 1) == 0.0
 
 
+def test_one_eye_after_the_corners_does_not_make_the_set_complete():
+    scene = cyc.scenes.house(rooms=4, seed=0)
+    middle = scene.bounds.mean(axis=0)
+    for eyes in (8, 9, 10):
+        region = visible_from(scene, middle - 0.5, middle + 0.5, resolution=32, max_eyes=eyes, progress=False)
+        assert region.unseen > 10
+
+
 def test_few_faces_do_not_say_how_the_others_are_spread():
     """Three that one eye saw leave the usual tail; three hundred, and none that two saw, another one."""
     few, many = (_unseen(np.full(count, 1), 200) for count in (3, 300))

@@ -266,9 +266,10 @@ def visible_from(
                 break
         report(len(even))
     eyes, beyond = even[: len(growth)], len(growth) - corners
-    later = np.flatnonzero(first >= (corners if beyond > 0 else 0))
-    unseen = _unseen(sightings[later], beyond if beyond > 0 else len(eyes))
-    if guided and beyond > 0 and len(later):
+    # One eye after the corners says nothing of how seldom a face is seen.
+    later = np.flatnonzero(first >= (corners if beyond > 1 else 0))
+    unseen = _unseen(sightings[later], beyond if beyond > 1 else len(eyes))
+    if guided and beyond > 1 and len(later):
         rare = later[sightings[later] <= _RARE]
         found = look_closely(
             scene,
