@@ -49,3 +49,32 @@ pub fn hides_all(view: &View, occluder: &Triangle, corners: &[Vertex; 3]) -> boo
                 .is_some_and(|n| n.is_before(Nearness(corner.value), view.projection))
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::render::fixtures::{balls, cameras};
+    use proptest::prelude::*;
+
+    proptest! {
+        /// Also of faces that share a place, and of one view after another.
+        #[test]
+        fn faces_are_as_if_set_up_anew(
+            mesh in balls(),
+            cameras in prop::array::uniform2(cameras()),
+            asked in prop::collection::vec((any::<u32>(), 0_u32..3), 1..60),
+        ) {
+            let count = mesh.faces().len() as u32;
+            let mut occluders = Occluders::default();
+            for camera in cameras {
+                let view = View::new(&mesh, &camera);
+                occluders.clear();
+                for &(face, step) in &asked {
+                    let face = (face % count + step * PLACES as u32) % count;
+                    let anew = Triangle::new(&view, &view.project_face(&mesh, face));
+                    prop_assert_eq!(format!("{:?}", occluders.get(&view, &mesh, face)), format!("{:?}", anew.as_ref()));
+                }
+            }
+        }
+    }
+}
