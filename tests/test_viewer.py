@@ -88,6 +88,10 @@ def share_shown(page):
     return (picture[..., 0] > picture[..., 2] + 30).mean()
 
 
+#: Until what has moved is drawn, however busy the machine is.
+TWO_FRAMES = "() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))"
+
+
 @pytest.mark.parametrize("up", [(0, 1, 0), (0, 0, 2), (0, -1, 0), (1, 1, 0)])
 def test_what_is_up_is_up_and_stays_so_while_one_turns(gear, running, tmp_path, up):
     scene, vis = gear
@@ -97,8 +101,10 @@ def test_what_is_up_is_up_and_stays_so_while_one_turns(gear, running, tmp_path, 
         page.focus("canvas")
         eyes = []
         for key in ("ArrowRight", "ArrowUp", "ArrowLeft", "ArrowDown"):
+            before = page.evaluate(STATE)["eye"]
             page.keyboard.press(key)
-            page.wait_for_timeout(100)
+            page.wait_for_function(f"before => String({STATE}.eye) !== String(before)", arg=before)
+            page.evaluate(TWO_FRAMES)
             state = page.evaluate(STATE)
             eye, axis = np.array(state["eye"]), np.array(up) / np.linalg.norm(up)
             upward = axis - (axis @ eye) * eye / (eye @ eye)
