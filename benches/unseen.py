@@ -16,6 +16,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+import open3d as o3d
 
 import bench
 import cyclorama as cyc
@@ -61,11 +62,13 @@ def boxes_of(folder: Path, name: str, count: int, seed: int) -> tuple[cyc.Scene,
     return scene, [around(scene, rng) for rng in rngs]
 
 
-def measured(scene: cyc.Scene, box: Box, eyes: int, rays: int, number: int) -> Row:
+def measured(
+    scene: cyc.Scene, caster: o3d.t.geometry.RaycastingScene, box: Box, eyes: int, rays: int, number: int
+) -> Row:
     look = partial(cyc.visible_from, scene, *box, resolution=128, progress=False)
     region = look(max_eyes=eyes)
     runs = long_runs(look, MORE * len(region.eyes))
-    hit = rays_hit(caster_of(scene, np.zeros(3)), *box, rays, number)
+    hit = rays_hit(caster, *box, rays, number)
     truth = np.unique(np.concatenate([hit, *(run.faces for run in runs)]))
     unseen = len(np.setdiff1d(truth, region.faces))
     return {
@@ -89,11 +92,12 @@ def main() -> None:
     table: list[Row] = []
     for name in options.names:
         scene, boxes = boxes_of(options.meshes, name, options.boxes, options.seed)
+        caster = caster_of(scene, np.zeros(3))
         rows: list[Row] = []
         for number, box in enumerate(boxes):
             path = folder / f"{name}-{options.seed}-{number}-{options.eyes}-{options.rays}.json"
             if not path.exists():
-                path.write_text(json.dumps(measured(scene, box, options.eyes, options.rays, number)))
+                path.write_text(json.dumps(measured(scene, caster, box, options.eyes, options.rays, number)))
             rows.append(json.loads(path.read_text()))
         bench.show(name, rows)
         every += rows
