@@ -23,13 +23,14 @@ mod tears;
 mod trials;
 mod unclear;
 
-use super::frame::{CLOSED, Frame, TILE};
+use super::frame::{Band, CLOSED, Frame, TILE};
 use super::lanes::InstructionSet;
 use super::pyramid::Pyramid;
 use super::scene::Scene;
 use super::view::View;
 use super::visible::{Rays, is_set, set};
 use crate::camera::Camera;
+use crate::mesh::Mesh;
 use candidates::Candidates;
 use occluders::{Occluders, hides_all};
 use place::{First, Offsets, Rest, Side, Spread, Wanted};
@@ -121,60 +122,56 @@ impl Confirm {
         self.spread.reach(rays.points);
         let samples = rays.supersampling;
         if tears::share(&view, camera, &band) < TORN {
-            let Self { pyramid, unclear, candidates, occluders, spread, trials, .. } = self;
-            let (grid, points) = (Some(&Offsets::new(samples)), rays.points);
-            let (view, mesh, band) = (&view, scene.mesh(), &band);
-            let rest = Rest {
-                view,
-                mesh,
-                candidates,
-                occluders,
-                pyramid,
-                band,
-                unclear,
-                points,
-                samples: 1.0,
-                grid,
-                spread,
-                trials,
-            };
-            InstructionSet::best().run(rest);
-            self.rest(scene, view, row);
+            self.place(&view, scene.mesh(), &band, rays.points, 1.0, Some(&Offsets::new(samples)));
+            self.rest(scene, &view, row);
             return;
         }
-        let Self { pyramid, unclear, candidates, occluders, busy, squares, spread, trials, .. } = self;
+        let Self { pyramid, unclear, candidates, occluders, busy, squares, .. } = self;
         busy.clear(&view);
         candidates.find_busy(&view, pyramid, &band, unclear, busy);
         squares.clear();
         squares.extend(busy.squares());
         let view = View::new(scene.mesh(), &camera.supersampled(samples));
-        let (fine, side) = (&mut self.fine, samples * TILE);
+        let side = samples * TILE;
+        let mut fine = std::mem::take(&mut self.fine);
         fine.close(view.width, view.height);
-        fine.fill(side, &self.squares, 0);
-        draw(&view, fine, side, &self.squares, row);
+        fine.fill(side, squares, 0);
+        draw(&view, &mut fine, side, squares, row);
         candidates.project(&view, scene.mesh(), |face| is_set(row, face));
         occluders.clear();
-        {
-            let (view, band, points, samples) = (&view, &fine.whole(), rays.points, samples as f64);
-            pyramid.read(band);
-            let rest = Rest {
-                view,
-                mesh: scene.mesh(),
-                candidates,
-                occluders,
-                pyramid,
-                band,
-                unclear,
-                points,
-                samples,
-                grid: None,
-                spread,
-                trials,
-            };
-            InstructionSet::best().run(rest);
-        }
+        let band = fine.whole();
+        pyramid.read(&band);
+        self.place(&view, scene.mesh(), &band, rays.points, samples as f64, None);
         fine.fill(side, &self.squares, CLOSED);
+        self.fine = fine;
         self.rest(scene, &view, row);
+    }
+
+    /// Lists more points of all candidates where `band`, an image of `view`, leaves them open ([`Rest`]).
+    fn place(
+        &mut self,
+        view: &View,
+        mesh: &Mesh,
+        band: &Band<'_>,
+        points: usize,
+        samples: f64,
+        grid: Option<&Offsets>,
+    ) {
+        let Self { pyramid, unclear, candidates, occluders, spread, trials, .. } = self;
+        InstructionSet::best().run(Rest {
+            view,
+            mesh,
+            candidates,
+            occluders,
+            pyramid,
+            band,
+            unclear,
+            points,
+            samples,
+            grid,
+            spread,
+            trials,
+        });
     }
 
     /// Tests some of the first points of all candidates; those of which one is open go into `row`. How many do, and how
